@@ -1,0 +1,190 @@
+"""The interface of control laws, and how a law is found by name.
+
+A law is a class (or any callable) that takes a :class:`Situation` and returns
+an object with one method, ``command``. To add one, register it in a package's
+entry points and name it in a scenario::
+
+    [project.entry-points."formnet.laws"]
+    my_law = "my_package:MyLaw"
+
+    [law]
+    kind = "my_law"
+    parameters = { gain = 2.0 }
+
+The built-in law is registered in the same way.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple, Protocol
+
+from formation.messages import Stamped, State
+from formation.scenario import LawSettings, Scenario, Vehicle
+
+GROUP = "formnet.laws"
+
+
+class Command(NamedTuple):
+    """What a robot does until its next control tick.
+
+    At the dynamic level: torques (N m) of the right and the left wheel. At the
+    kinematic level: forward speed (m/s) and turn rate (rad/s).
+    """
+
+    first: float
+    second: float
+
+
+@dataclass(frozen=True, slots=True)
+class BodyEstimate:
+    """What a robot believes of its own body; the true parameters stay in the plant.
+
+    ``robust_bound`` is ρ_j, a bound on ‖a − ā‖ in the law's own units (lengths
+    in ``length_scale_m``); ``com_uncertain`` says whether the third parameter,
+    m d, is in play at all (it is not for a robot built with its centre of mass
+    on the axle).
+    """
+
+    mass_kg: float
+    inertia_kgm2: float
+    com_offset_m: float
+    com_uncertain: bool
+    robust_bound: float
+    half_axle_m: float
+    wheel_radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """All that a law may know beside its inputs, fixed for the run.
+
+    ``offsets_m`` is the desired pattern (public); ``coupling`` holds b_ji for
+    each neighbour i; ``damping`` is μ_j.
+    """
+
+    robot: int
+    settings: LawSettings
+    control_period_s: float
+    offsets_m: Mapping[int, tuple[float, float]]
+    coupling: Mapping[int, float]
+    damping: float
+    body: BodyEstimate
+
+
+class Law(Protocol):
+    """A control law: a function of time, own state and what was heard."""
+
+    def command(self, now_ns: int, own: State, heard: Collection[Stamped]) -> Command:
+        """The command to hold from ``now_ns`` until the next control tick.
+
+        ``own`` is this robot's state at ``now_ns``. ``heard`` holds, for each
+        neighbour heard so far and in ascending order of ids, the newest
+        broadcast that its link has delivered, with the time stamp of its
+        sender; a neighbour not heard yet is missing.
+
+        Must be a pure function of its three arguments (memoising is fine): no
+        clock, no randomness, no input or output. It is called once per control
+        period. A result that is not finite ends the run as diverged; an
+        exception ends it as failed, and the robot and the error are named.
+        """
+        ...
+
+
+LawFactory = Callable[[Situation], Law]
+
+
+class UnknownLaw(LookupError):
+    """No law of that name is installed, or it cannot be imported."""
+
+
+def installed() -> dict[str, EntryPoint]:
+    """Every law that can be named in ``law.kind``, by name, ascending."""
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
+
+
+def load(kind: str) -> LawFactory:
+    """The law called ``kind``.
+
+    Raises:
+        UnknownLaw: there is none, or importing it failed.
+    """
+    entries = installed()
+    if kind not in entries:
+        raise UnknownLaw(f"no law {kind!r} is installed (installed: {', '.join(entries)})")
+    try:
+        factory: LawFactory = entries[kind].load()
+    except Exception as error:
+        raise UnknownLaw(
+            f"law {kind!r} ({entries[kind].value}) cannot be imported: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    return factory
+
+
+def parameters(mass_kg: float, inertia_kgm2: float, com_offset_m: float, scale_m: float
+               ) -> tuple[float, float, float]:
+    """a = (m ℓ², I + m d², m d ℓ): the inertia parameters with lengths in units of ℓ metres."""
+    return (
+        mass_kg * scale_m * scale_m,
+        inertia_kgm2 + mass_kg * com_offset_m * com_offset_m,
+        mass_kg * com_offset_m * scale_m,
+    )
+
+
+def body_estimate(vehicle: Vehicle, scale_m: float) -> BodyEstimate:
+    """The estimate of a vehicle; ρ = ‖a − ā‖ is computed here, once, unless it was given."""
+    mass, inertia, offset = vehicle.estimate()
+    believed = parameters(mass, inertia, offset, scale_m)
+    true = parameters(*vehicle.truth(), scale_m)
+    bound = vehicle.robust_bound
+    if bound is None:
+        bound = sum((a - b) ** 2 for a, b in zip(true, believed, strict=True)) ** 0.5
+    return BodyEstimate(
+        mass_kg=mass,
+        inertia_kgm2=inertia,
+        com_offset_m=offset,
+        com_uncertain=vehicle.com_offset_m != 0.0 or offset != 0.0,
+        robust_bound=bound,
+        half_axle_m=vehicle.half_axle_m,
+        wheel_radius_m=vehicle.wheel_radius_m,
+    )
+
+
+def situation(scenario: Scenario, robot: int) -> Situation:
+    """What the law of ``robot`` may know of ``scenario``."""
+    vehicle = scenario.vehicles[robot]
+    weights = scenario.formation.weights
+    return Situation(
+        robot=robot,
+        settings=scenario.law,
+        control_period_s=scenario.clock.control_period_s,
+        offsets_m={r.id: r.offset_m for r in scenario.robots},
+        coupling={
+            other: weights[min(robot, other), max(robot, other)]
+            for other in scenario.neighbours[robot]
+        },
+        damping=vehicle.damping,
+        body=body_estimate(vehicle, scenario.law.length_scale_m),
+    )
+
+
+def make(scenario: Scenario, robot: int) -> Law:
+    """The law of ``robot``, ready to run. Raises UnknownLaw."""
+    return load(scenario.law.kind)(situation(scenario, robot))
+
+
+def accepts(scenario: Scenario) -> str | None:
+    """Why the scenario's law cannot be had, or None. Builds the law of every robot."""
+    try:
+        factory = load(scenario.law.kind)
+    except UnknownLaw as error:
+        return str(error)
+    for robot in scenario.ids:
+        try:
+            factory(situation(scenario, robot))
+        except Exception as error:
+            return f"law {scenario.law.kind!r} refuses robot {robot}: {error}"
+    return None
+
+

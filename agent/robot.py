@@ -1,0 +1,201 @@
+"""One robot in lockstep, as a pure core: messages in, messages out.
+
+No socket, clock, thread or file: the shells (:mod:`agent.process` over Zenoh,
+:mod:`lab.inline` in memory) carry the messages. The emulated links stand at the
+receiving end: a neighbour's broadcast enters its link as it arrives and reaches
+the law only when the link delivers it, so no law can see an undelayed state.
+
+Conventions of the sampled loop (tick k at t_k = k h): sample the own state; if
+k is a multiple of the broadcast period, broadcast it stamped t_k; a message
+stamped t_s on a link with delay δ is usable at tick k if and only if
+t_s + δ <= t_k; the law sees each neighbour's newest usable message by stamp.
+"""
+
+from collections import Counter
+from typing import Any, NamedTuple
+
+from agent.law import Law
+from formation.messages import (
+    HELLO,
+    Broadcast,
+    Drive,
+    Envelope,
+    MessageError,
+    Rejected,
+    Sense,
+    Stamped,
+)
+from formation.scenario import Scenario
+
+
+_NEVER = 2**63 - 1
+
+
+class Outgoing(NamedTuple):
+    """A broadcast to put on the bus: what neighbours' links carry, and the runtime's note."""
+
+    payload: bytes
+    envelope: Envelope
+
+
+class Robot:
+    """Answers every ``Sense`` with a ``Drive``, as soon as it holds what it must have heard.
+
+    It must have heard the broadcast of every neighbour at the latest broadcast
+    tick up to the one it is asked for; until then nothing comes out, and
+    :meth:`awaited` names the neighbours.
+    """
+
+    def __init__(self, scenario: Scenario, robot: int, *, run: str, law: Law) -> None:
+        self.robot = robot
+        self.run = run
+        self.neighbours = scenario.neighbours[robot]
+        self._law = law
+        self._period_ns = scenario.clock.control_period_ns
+        self._every = scenario.clock.broadcast_every
+        self._links = {
+            source: scenario.network.settings(source, robot).link(
+                seed=scenario.seed, source=source, destination=robot
+            )
+            for source in self.neighbours
+        }
+        self._heard: dict[int, Stamped] = {}
+        self._newest: tuple[Stamped, ...] = ()
+        self._arrived = dict.fromkeys(self.neighbours, -1)  # tick of the newest arrival
+        self._heard_up_to = -1 if self.neighbours else _NEVER  # the least of _arrived
+        self._next_due_ns = _NEVER  # the least of the links' next deliveries
+        self._sequences = dict.fromkeys(self.neighbours, -1)
+        self._sequence = 0
+        self._pending: Sense | None = None
+        self._rows: list[list[Any]] = []
+        self._rejections: Counter[tuple[int, str]] = Counter()
+        self._unreported: dict[tuple[int, str], int] = {}
+
+    def on_sense(self, sense: Sense) -> list[Outgoing | Drive]:
+        """The plant's measurement at a tick; returns the broadcast, if due, and the answer, if ready."""
+        self._pending = sense
+        out: list[Outgoing | Drive] = []
+        if sense.tick % self._every == 0:
+            out.append(self._broadcast(sense))
+        drive = self._answer()
+        if drive is not None:
+            out.append(drive)
+        return out
+
+    def on_broadcast(self, source: int, payload: bytes, envelope: bytes | None) -> Drive | None:
+        """A neighbour's broadcast has arrived at this robot's end of the link.
+
+        ``source`` is whose broadcasts the bus says these are. Returns the
+        answer to the pending ``Sense`` if this was what it waited for.
+        """
+        link = self._links.get(source)
+        if link is None:
+            self._reject(source, "not a neighbour")
+            return None
+        try:
+            note = Envelope.unpack(envelope if envelope is not None else b"")
+        except MessageError as error:
+            self._reject(source, str(error))
+            return None
+        if note.tick == HELLO:
+            return None
+        if note.robot != source:
+            self._reject(source, "envelope names another robot")
+            return None
+        if note.sequence <= self._sequences[source] or note.tick <= self._arrived[source]:
+            self._reject(source, "replayed: sequence or tick is not newer")
+            return None
+        self._sequences[source] = note.sequence
+        self._arrived[source] = note.tick
+        self._heard_up_to = min(self._arrived.values())
+        for copy in link.send(note.tick * self._period_ns, note.sequence, payload):
+            self._rows.append(
+                [copy.sent_ns, copy.due_ns, source, self.robot, copy.sequence, copy.fate]
+            )
+        due_ns = link.next_due_ns
+        if due_ns is not None and due_ns < self._next_due_ns:
+            self._next_due_ns = due_ns
+        return self._answer()
+
+    def awaited(self) -> list[int]:
+        """The neighbours whose broadcast the pending tick still lacks, ascending."""
+        if self._pending is None:
+            return []
+        latest = self._pending.tick - self._pending.tick % self._every
+        return [source for source in self.neighbours if self._arrived[source] < latest]
+
+    @property
+    def pending_tick(self) -> int | None:
+        """The tick this robot has been asked for and has not answered yet."""
+        return None if self._pending is None else self._pending.tick
+
+    def take_link_rows(self) -> list[list[Any]]:
+        """Fates of messages on incoming links since the last call (see ``messages.Links``)."""
+        rows, self._rows = self._rows, []
+        return rows
+
+    def take_rejections(self) -> list[Rejected]:
+        """Kinds of refused messages whose counts have changed since the last call."""
+        changed, self._unreported = self._unreported, {}
+        return [
+            Rejected(self.robot, source, reason, count)
+            for (source, reason), count in sorted(changed.items())
+        ]
+
+    def _broadcast(self, sense: Sense) -> Outgoing:
+        sequence = self._sequence
+        self._sequence += 1
+        stamp_ns = sense.tick * self._period_ns
+        payload = Broadcast(self.run, self.robot, sequence, stamp_ns, sense.state).pack()
+        return Outgoing(payload, Envelope(self.robot, sequence, sense.tick))
+
+    def _answer(self) -> Drive | None:
+        sense = self._pending
+        if sense is None:
+            return None
+        tick, state = sense
+        if self._heard_up_to < tick - tick % self._every:
+            return None
+        self._pending = None
+        now_ns = tick * self._period_ns
+        if self._next_due_ns <= now_ns:
+            self._collect(now_ns)
+        first, second = self._law.command(now_ns, state, self._newest)
+        return Drive(self.robot, tick, float(first), float(second))
+
+    def _collect(self, now_ns: int) -> None:
+        """Take from the links what is due, and keep each neighbour's newest by stamp."""
+        changed = False
+        self._next_due_ns = _NEVER
+        for source, link in self._links.items():
+            for copy in link.deliver(now_ns):
+                message = self._checked(source, copy.payload, now_ns)
+                known = self._heard.get(source)
+                if message is not None and (known is None or message.stamp_ns > known.stamp_ns):
+                    self._heard[source] = message
+                    changed = True
+            due_ns = link.next_due_ns
+            if due_ns is not None and due_ns < self._next_due_ns:
+                self._next_due_ns = due_ns
+        if changed:
+            self._newest = tuple(self._heard[i] for i in self.neighbours if i in self._heard)
+
+    def _checked(self, source: int, payload: bytes, now_ns: int) -> Stamped | None:
+        try:
+            message = Broadcast.unpack(payload)
+        except MessageError as error:
+            self._reject(source, str(error))
+            return None
+        if message.run != self.run:
+            self._reject(source, "another run")
+        elif message.robot != source:
+            self._reject(source, "claims to be another robot")
+        elif message.stamp_ns > now_ns:
+            self._reject(source, "stamped in the future")
+        else:
+            return Stamped(source, message.stamp_ns, message.state)
+        return None
+
+    def _reject(self, source: int, reason: str) -> None:
+        self._rejections[source, reason] += 1
+        self._unreported[source, reason] = self._rejections[source, reason]

@@ -1,0 +1,52 @@
+"""The communication graph: Laplacian, connectivity, eigenvalues (Section 3.1 of the paper)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def laplacian(
+    robots: Sequence[int], coupling: Mapping[tuple[int, int], float]
+) -> NDArray[np.float64]:
+    """Weighted Laplacian L of Section 3.1, shape (n_robots, n_robots), in the order of ``robots``.
+
+    ``coupling`` holds b_ji = b_ij once per undirected edge.
+    """
+    index = {robot: i for i, robot in enumerate(robots)}
+    matrix = np.zeros((len(robots), len(robots)))
+    for (first, second), weight in coupling.items():
+        i, j = index[first], index[second]
+        matrix[i, j] -= weight
+        matrix[j, i] -= weight
+        matrix[i, i] += weight
+        matrix[j, j] += weight
+    return matrix
+
+
+def algebraic_connectivity(matrix: NDArray[np.float64]) -> float:
+    """λ₂(L), the second smallest eigenvalue; > 0 if and only if the graph is connected.
+
+    A single robot counts as connected; its λ₂ is infinite.
+    """
+    if len(matrix) < 2:
+        return float("inf")
+    return max(0.0, float(np.linalg.eigvalsh(matrix)[1]))
+
+
+def smallest_eigenvalue(matrix: NDArray[np.float64], damping: Sequence[float]) -> float:
+    """λ_min(L + diag μ)."""
+    return max(0.0, float(np.linalg.eigvalsh(matrix + np.diag(damping))[0]))
+
+
+def components(
+    robots: Sequence[int], edges: Sequence[tuple[int, int]]
+) -> list[list[int]]:
+    """Connected components, each sorted, ordered by their smallest robot."""
+    group = {robot: {robot} for robot in robots}
+    for first, second in edges:
+        if group[first] is not group[second]:
+            merged = group[first] | group[second]
+            for robot in merged:
+                group[robot] = merged
+    return sorted({tuple(sorted(members)) for members in group.values()})  # type: ignore[arg-type]

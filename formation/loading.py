@@ -1,0 +1,419 @@
+"""Reading scenarios: TOML in, a validated :class:`Scenario` or every problem found out.
+
+All problems of a file are reported together. To check what refers to what even
+when some values are bad, each bad value is noted and then replaced by a good
+one, so that the whole can still be built.
+"""
+
+import difflib
+import tomllib
+import types
+import typing
+from collections.abc import Iterable, Iterator, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from formation.scenario import Scenario
+from netem.settings import nanoseconds
+
+Place = tuple[str | int, ...]
+
+
+class Problem(NamedTuple):
+    """One thing wrong with a scenario: where, what stands there, which rule it breaks."""
+
+    place: str
+    value: str | None
+    rule: str
+
+    def __str__(self) -> str:
+        value = "" if self.value is None else f" = {self.value}"
+        return f"{self.place}{value}: {self.rule}"
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; ``problems`` holds everything found."""
+
+    def __init__(self, file: str, problems: Sequence[Problem]) -> None:
+        self.file = file
+        self.problems = list(problems)
+        super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
+
+
+def load(path: Path, overrides: Iterable[str] = ()) -> Scenario:
+    """Read, override and validate a scenario file.
+
+    ``overrides`` are ``key.path=value`` texts, the value in TOML syntax (a bare
+    word is taken as a string); robots are addressed by id: ``robots.3.damping=1``.
+
+    Raises:
+        ScenarioError: with every problem, or the one that stopped the reading.
+    """
+    file = str(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise _failure(file, f"not TOML: not UTF-8 text (byte {error.start})") from None
+    except OSError as error:
+        raise _failure(file, f"cannot be read: {error.strerror}") from None
+    return loads(text, file, overrides)
+
+
+def loads(text: str, file: str = "scenario", overrides: Iterable[str] = ()) -> Scenario:
+    """:func:`load` from text; ``file`` is what errors call it."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _failure(file, f"not TOML: {error}") from None
+    problems = [problem for text in overrides if (problem := _override(data, text))]
+    scenario, found = _validate(data)
+    problems += found
+    if scenario is not None:
+        places = tuple(problem.place for problem in problems)
+        problems += [
+            problem
+            for problem in _cross_check(scenario)
+            if not any(place.startswith(problem.place) for place in places)  # a stand-in's fault
+        ]
+    if problems or scenario is None:
+        raise ScenarioError(file, problems)
+    return scenario
+
+
+def dumps(scenario: Scenario) -> str:
+    """The scenario as TOML, every default written out; loading it gives an equal scenario."""
+    return tomli_w.dumps(scenario.model_dump(mode="json", by_alias=True, exclude_none=True))
+
+
+def _failure(file: str, rule: str) -> ScenarioError:
+    return ScenarioError(file, [Problem("file", None, rule)])
+
+
+# --- overrides -----------------------------------------------------------------------
+
+
+def _override(data: dict[str, Any], text: str) -> Problem | None:
+    """Apply one ``key.path=value``; returns what is wrong with it, if anything."""
+    path, equals, raw = text.partition("=")
+    keys = path.strip().split(".")
+    if not equals or not all(keys):
+        return Problem(f"--set {text}", None, "must read key.path=value, such as law.beta=5")
+    try:
+        value = tomllib.loads(f"value = {raw}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = raw.strip()
+    here: Any = data
+    for depth, key in enumerate(keys):
+        last = depth == len(keys) - 1
+        place = ".".join(keys[: depth + 1])
+        if isinstance(here, list):
+            index = _index(here, key)
+            if index is None:
+                return Problem(f"--set {place}", None, f"there is no {key!r} in this list")
+            if last:
+                here[index] = value
+            else:
+                here = here[index]
+        elif isinstance(here, dict):
+            if last:
+                here[key] = value
+            else:
+                here = here.setdefault(key, {})
+        else:
+            return Problem(f"--set {place}", None, f"{'.'.join(keys[:depth])} is not a table")
+    return None
+
+
+def _index(items: list[Any], key: str) -> int | None:
+    """A list index: of the table whose ``id`` is ``key``, or else ``key`` itself."""
+    if not key.isdigit():
+        return None
+    if any(isinstance(item, dict) and "id" in item for item in items):
+        ids = [item.get("id") if isinstance(item, dict) else None for item in items]
+        return ids.index(int(key)) if int(key) in ids else None
+    return int(key) if int(key) < len(items) else None
+
+
+# --- validation ----------------------------------------------------------------------
+
+
+def _validate(data: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
+    """Build the scenario and say what is wrong with it.
+
+    If something is, a copy is mended place by place until it can be built, so
+    that the rules between values can be checked too. None if that fails.
+    """
+    try:
+        return Scenario.model_validate(data), []
+    except ValidationError as error:
+        errors = error.errors()
+    problems = [_problem(item["loc"], item["type"], item) for item in errors]
+    data = deepcopy(data)
+    for _ in range(5):  # a place inside a mended place may need another round
+        for item in errors:
+            _mend(data, item["loc"], missing=item["type"] == "missing")
+        try:
+            return Scenario.model_validate(data), problems
+        except ValidationError as error:
+            errors = error.errors()
+    return None, problems
+
+
+_STAND_INS: dict[str, Any] = {
+    "name": "unnamed", "duration_s": 1.0, "formation": {"edges": []}, "edges": [],
+    "offset_m": [0.0, 0.0], "start": {"x_m": 0.0, "y_m": 0.0}, "x_m": 0.0, "y_m": 0.0,
+}  # fmt: skip
+"""Valid values for required keys. A robot's id has none: without it, nothing can be cross-checked."""
+
+
+def _mend(data: Any, loc: Place, *, missing: bool) -> None:
+    """Put something valid at ``loc``, or take away what stands there."""
+    table, key = None, ""  # the innermost table on the way, and the key in it
+    for part in loc:
+        if isinstance(data, dict) and isinstance(part, str):
+            if part not in data and not missing:
+                break  # a union's tag, or a place inside what was mended already
+            table, key = data, part
+            data = data.get(part)
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            if key != "edges" and not isinstance(data[part], dict):
+                break
+            if key == "edges":
+                data[part] = [0, 0]
+                return
+            data = data[part]
+        else:
+            break
+    if table is None:
+        return
+    if key in _STAND_INS:
+        table[key] = deepcopy(_STAND_INS[key])
+    else:
+        table.pop(key, None)
+
+
+_RULES = {
+    "missing": "is required",
+    "string_type": "must be a string",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "bool_type": "must be true or false",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "finite_number": "must be finite",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "literal_error": "must be {expected}",
+    "union_tag_invalid": "its {discriminator} must be one of {expected_tags}",
+    "union_tag_not_found": "needs {discriminator} to say which kind it is",
+    "too_short": "needs at least {min_length} item(s)",
+    "too_long": "must have exactly {max_length} items",
+    "string_pattern_mismatch": "must start with a letter or digit and hold only letters, digits, . _ -",
+    "value_error": "{error}",
+}
+
+
+def _problem(loc: Place, kind: str, item: Any) -> Problem:
+    value = None if kind == "missing" else _shown(item["input"])
+    if kind == "extra_forbidden":
+        return Problem(_dotted((*_without_tags(loc[:-1]), loc[-1])), value, _unknown_key(loc))
+    template = _RULES.get(kind)
+    rule = item["msg"] if template is None else template.format(**item.get("ctx", {}))
+    return Problem(_dotted(_without_tags(loc)), value, rule)
+
+
+def _unknown_key(loc: Place) -> str:
+    known = sorted(_keys_at(loc[:-1]))
+    near = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
+    if near:
+        return f"unknown key; did you mean {near[0]!r}?"
+    return f"unknown key; valid keys here: {', '.join(known)}"
+
+
+def _keys_at(loc: Place) -> set[str]:
+    """The keys that the table at ``loc`` may have."""
+    keys: set[str] = set()
+    for model in _models_at(loc):
+        keys |= {info.alias or name for name, info in model.model_fields.items()}
+    return keys
+
+
+def _models_at(loc: Place) -> list[type[BaseModel]]:
+    models: list[type[BaseModel]] = [Scenario]
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        deeper = [
+            found
+            for model in models
+            for name, info in model.model_fields.items()
+            if part in (name, info.alias)
+            for found in _models_in(info.annotation)
+        ]
+        # A part that is no field is a union's tag: narrow to the models that have it.
+        models = deeper or [m for m in models if part in _tags_of(m)] or models
+    return models
+
+
+def _tags_of(model: type[BaseModel]) -> set[Any]:
+    return {
+        value
+        for info in model.model_fields.values()
+        if typing.get_origin(info.annotation) is typing.Literal
+        for value in typing.get_args(info.annotation)
+    }
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif typing.get_origin(annotation) in (list, typing.Annotated, typing.Union, types.UnionType):
+        for argument in typing.get_args(annotation):
+            yield from _models_in(argument)
+
+
+def _without_tags(loc: Place) -> Place:
+    """``loc`` without union tags and pydantic's names of union members."""
+    kept: list[str | int] = []
+    models: list[type[BaseModel]] = [Scenario]
+    for part in loc:
+        if isinstance(part, int):
+            kept.append(part)
+            continue
+        fields = [
+            info
+            for model in models
+            for name, info in model.model_fields.items()
+            if part in (name, info.alias)
+        ]
+        if fields or models == []:
+            kept.append(part)
+            models = [m for info in fields for m in _models_in(info.annotation)]
+    return tuple(kept)
+
+
+def _dotted(loc: Place) -> str:
+    text = ""
+    for part in loc:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text or "file"
+
+
+def _shown(value: Any) -> str:
+    text = repr(value) if not isinstance(value, bool) else str(value).lower()
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+# --- rules between values --------------------------------------------------------------
+
+
+def _cross_check(scenario: Scenario) -> list[Problem]:
+    return [
+        *_check_clock(scenario),
+        *_check_robots(scenario),
+        *_check_edges(scenario),
+        *_check_coupling(scenario),
+        *_check_links(scenario),
+        *_check_window(scenario),
+    ]
+
+
+def _check_clock(scenario: Scenario) -> Iterator[Problem]:
+    clock = scenario.clock
+    control, broadcast = clock.control_period_ns, clock.broadcast_period_ns
+    if control < 1:
+        yield Problem(
+            "clock.control_period_s", str(clock.control_period_s), "must be at least 1e-9 (1 ns)"
+        )
+        return
+    if broadcast % control or broadcast < control:
+        yield Problem(
+            "clock.broadcast_period_s",
+            str(clock.broadcast_period_s),
+            f"must be a multiple of control_period_s = {clock.control_period_s}",
+        )
+    if nanoseconds(scenario.duration_s) % control:
+        yield Problem(
+            "duration_s",
+            str(scenario.duration_s),
+            f"must be a multiple of clock.control_period_s = {clock.control_period_s}",
+        )
+
+
+def _check_robots(scenario: Scenario) -> Iterator[Problem]:
+    first: dict[int, int] = {}
+    for index, robot in enumerate(scenario.robots):
+        if robot.id in first:
+            yield Problem(
+                f"robots[{index}].id", str(robot.id), f"already used by robots[{first[robot.id]}]"
+            )
+        first.setdefault(robot.id, index)
+
+
+def _check_edges(scenario: Scenario) -> Iterator[Problem]:
+    seen: dict[tuple[int, int], int] = {}
+    for index, edge in enumerate(scenario.formation.edges):
+        place, value = f"formation.edges[{index}]", str(list(edge))
+        yield from _unknown_robots(scenario, place, edge)
+        key = (min(edge), max(edge))
+        if edge[0] == edge[1]:
+            yield Problem(place, value, "joins a robot to itself")
+        elif key in seen:
+            yield Problem(place, value, f"repeats formation.edges[{seen[key]}]; edges have no direction")
+        seen.setdefault(key, index)
+
+
+def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
+    coupling = scenario.formation.coupling
+    if not isinstance(coupling, dict):
+        return
+    names = {f"{a}-{b}" for edge in scenario.formation.edges for a, b in (edge, edge[::-1])}
+    for name, weight in coupling.items():
+        if name not in names:
+            yield Problem(
+                f'formation.coupling."{name}"', str(weight), "names no edge of formation.edges"
+            )
+    for first, second in scenario.formation.edges:
+        here = [n for n in (f"{first}-{second}", f"{second}-{first}") if n in coupling]
+        if len(here) != 1:
+            yield Problem(
+                f'formation.coupling."{first}-{second}"',
+                None,
+                "is required: a table needs one weight for every edge"
+                if not here
+                else f'given twice (also as "{second}-{first}"); b_ji = b_ij is one number',
+            )
+
+
+def _check_links(scenario: Scenario) -> Iterator[Problem]:
+    for index, rule in enumerate(scenario.network.links):
+        place = f"network.links[{index}]"
+        yield from _unknown_robots(scenario, f"{place}.from", rule.sources)
+        yield from _unknown_robots(scenario, f"{place}.to", rule.destinations)
+
+
+def _check_window(scenario: Scenario) -> Iterator[Problem]:
+    window = scenario.expect.window_s if scenario.expect else None
+    if window is not None and window > scenario.duration_s:
+        yield Problem(
+            "expect.window_s", str(window), f"must not exceed duration_s = {scenario.duration_s}"
+        )
+
+
+def _unknown_robots(
+    scenario: Scenario, place: str, robots: Iterable[int]
+) -> Iterator[Problem]:
+    ids = sorted(set(scenario.ids))
+    for robot in dict.fromkeys(robots):
+        if robot not in ids:
+            yield Problem(
+                place, None, f"robot {robot} does not exist (robots: {', '.join(map(str, ids))})"
+            )

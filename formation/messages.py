@@ -1,0 +1,246 @@
+"""What robots and plant say to each other, and its form on the wire.
+
+Two kinds of talk. *Broadcasts* are the data of the experiment: one robot's
+stamped state for its neighbours; they pass through emulated links and are
+trusted by nobody. *Lockstep messages* (all others) keep virtual time between
+the plant and one robot and belong to the runtime, not to the experiment.
+
+Everything is msgpack. Floats travel as IEEE 754 doubles, so a value arrives
+bit-identical.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import msgpack
+
+PROTOCOL: Final = 1
+"""Version of the messages; a robot and a plant must agree on it."""
+
+
+class MessageError(ValueError):
+    """Bytes that are not the message they should be; the text says why."""
+
+
+class State(NamedTuple):
+    """Pose of the middle of the wheel axle, and velocity.
+
+    Heading is unwrapped (it counts full turns), turn rate positive to the left.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    turn_rate_radps: float
+
+
+class Stamped(NamedTuple):
+    """A neighbour's state as it was at ``stamp_ns``."""
+
+    robot: int
+    stamp_ns: int
+    state: State
+
+
+class Broadcast(NamedTuple):
+    """What robot ``robot`` of run ``run`` tells its neighbours."""
+
+    run: str
+    robot: int
+    sequence: int
+    stamp_ns: int
+    state: State
+
+    def pack(self) -> bytes:
+        return _pack((self.run, self.robot, self.sequence, self.stamp_ns, *self.state))
+
+    @classmethod
+    def unpack(cls, data: bytes) -> "Broadcast":
+        """Decode and check a broadcast.
+
+        Raises:
+            MessageError: not msgpack, wrong fields, wrong types, or not finite.
+        """
+        fields = _unpack(data)
+        if type(fields) is not list or len(fields) != 9:
+            raise MessageError("malformed: not a list of 9 fields")
+        run, robot, sequence, stamp_ns, x, y, heading, speed, turn_rate = fields
+        if (
+            type(run) is not str
+            or type(robot) is not int
+            or type(sequence) is not int
+            or type(stamp_ns) is not int
+        ):
+            raise MessageError("malformed: run, robot, sequence or time stamp has a wrong type")
+        if not (
+            type(x) is type(y) is type(heading) is type(speed) is type(turn_rate) is float
+        ):
+            raise MessageError("malformed: pose or velocity is not a float")
+        if not math.isfinite(x + y + heading + speed + turn_rate):
+            raise MessageError("not finite: pose or velocity")
+        return cls(run, robot, sequence, stamp_ns, State(x, y, heading, speed, turn_rate))
+
+
+class Envelope(NamedTuple):
+    """The runtime's note beside a broadcast (a Zenoh attachment).
+
+    It tells a lockstep receiver that robot ``robot`` sent its broadcast of
+    ``tick``, so that it can wait for exactly that; the emulated link and the
+    law never see it. ``tick`` -1 is the hello of the start handshake.
+    """
+
+    robot: int
+    sequence: int
+    tick: int
+
+    def pack(self) -> bytes:
+        return _pack(self)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> "Envelope":
+        """Raises MessageError unless ``data`` is three integers."""
+        fields = _unpack(data)
+        if type(fields) is not list or [type(f) for f in fields] != [int, int, int]:
+            raise MessageError("malformed envelope: not a list of 3 integers")
+        return cls(*fields)
+
+
+HELLO: Final = -1
+"""The tick of an envelope that says no more than "I can be heard"."""
+
+
+class Join(NamedTuple):
+    """Robot to plant: I am here; repeated until the brief arrives."""
+
+    robot: int
+    protocol: int
+
+
+class Brief(NamedTuple):
+    """Plant to robot: the scenario (TOML text) to take part in."""
+
+    scenario: str
+
+
+class Ready(NamedTuple):
+    """Robot to plant: I hear all my neighbours; repeated until the first tick."""
+
+    robot: int
+
+
+class Sense(NamedTuple):
+    """Plant to robot at tick ``tick``: your own state, measured."""
+
+    tick: int
+    state: State
+
+
+class Drive(NamedTuple):
+    """Robot to plant, the answer to ``Sense``: held from this tick to the next.
+
+    ``right`` and ``left`` are wheel torques (N m) at the dynamic level; at the
+    kinematic level they are speed (m/s) and turn rate (rad/s).
+    """
+
+    robot: int
+    tick: int
+    right: float
+    left: float
+
+
+class Waiting(NamedTuple):
+    """Robot to plant: at ``tick`` I have waited a second for these neighbours."""
+
+    robot: int
+    tick: int
+    neighbours: list[int]
+
+
+class Links(NamedTuple):
+    """Robot to plant: fates of messages on my incoming links.
+
+    Rows are ``[t_sent_ns, t_usable_ns, source, destination, sequence, fate]``.
+    """
+
+    robot: int
+    rows: list[list[Any]]
+
+
+class Rejected(NamedTuple):
+    """Robot to plant: a message from ``source`` was refused; ``count`` so far for this reason."""
+
+    robot: int
+    source: int
+    reason: str
+    count: int
+
+
+class Failed(NamedTuple):
+    """Robot to plant: I cannot go on."""
+
+    robot: int
+    error: str
+
+
+class End(NamedTuple):
+    """Plant to robot: the run is over; robot to plant: I have said all I had to say."""
+
+    robot: int
+    reason: str
+
+
+Message = (
+    Join | Brief | Ready | Sense | Drive | Waiting | Links | Rejected | Failed | End
+)
+
+_KINDS: Final[tuple[type[Message], ...]] = (
+    Join, Brief, Ready, Sense, Drive, Waiting, Links, Rejected, Failed, End,
+)  # fmt: skip
+_TAGS: Final = {kind: tag for tag, kind in enumerate(_KINDS)}
+_FIELD_TYPES: Final = {
+    kind: tuple(_type if isinstance(_type, type) else list for _type in kind.__annotations__.values())
+    for kind in _KINDS
+    if kind is not Sense
+}
+_pack = msgpack.Packer(autoreset=True).pack
+_SENSE: Final = _TAGS[Sense]
+_DRIVE: Final = _TAGS[Drive]
+
+
+def _unpack(data: bytes) -> Any:
+    try:
+        return msgpack.unpackb(data)
+    except Exception as error:  # msgpack raises many kinds; all mean the same here
+        raise MessageError(f"malformed: not msgpack ({error or type(error).__name__})") from None
+
+
+def encode(message: Message) -> bytes:
+    """A lockstep message's bytes."""
+    if type(message) is Sense:
+        return _pack((_SENSE, message.tick, *message.state))
+    return _pack((_TAGS[type(message)], *message))
+
+
+def decode(data: bytes) -> Message:
+    """The lockstep message in ``data``.
+
+    Raises:
+        MessageError: unknown kind, wrong number of fields, or wrong types.
+    """
+    fields = _unpack(data)
+    if type(fields) is not list or not fields or type(fields[0]) is not int:
+        raise MessageError("malformed: not a tagged list")
+    tag = fields[0]
+    if tag == _SENSE:
+        if len(fields) != 7 or type(fields[1]) is not int:
+            raise MessageError("malformed: Sense")
+        if any(type(value) is not float for value in fields[2:]):
+            raise MessageError("malformed: Sense")
+        return Sense(fields[1], State(*fields[2:]))
+    if not 0 <= tag < len(_KINDS):
+        raise MessageError(f"unknown kind {tag}")
+    kind = _KINDS[tag]
+    if [type(value) for value in fields[1:]] != list(_FIELD_TYPES[kind]):
+        raise MessageError(f"malformed: {kind.__name__}")
+    return kind(*fields[1:])

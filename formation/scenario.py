@@ -1,0 +1,275 @@
+"""The scenario: everything that defines a run, typed, validated and immutable.
+
+This module is the format's schema. Reading files, reporting errors and
+resolving overrides is :mod:`formation.loading`'s; what the theory says of a
+scenario is :mod:`formation.theory`'s.
+"""
+
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from formation.messages import State
+from netem.settings import LinkOverrides, LinkSettings, nanoseconds
+
+STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+RobotId = Annotated[int, Field(ge=0)]
+
+
+class Table(BaseModel):
+    """A table of the scenario: strict types, unknown keys refused."""
+
+    model_config = STRICT
+
+
+class Clock(Table):
+    """``[clock]``: virtual time in lockstep, and the two periods of the sampled loop."""
+
+    mode: Literal["lockstep"] = "lockstep"
+    control_period_s: Positive = 0.001
+    broadcast_period_s: Positive = 0.01
+
+    @property
+    def control_period_ns(self) -> int:
+        return nanoseconds(self.control_period_s)
+
+    @property
+    def broadcast_period_ns(self) -> int:
+        return nanoseconds(self.broadcast_period_s)
+
+    @property
+    def broadcast_every(self) -> int:
+        """Control ticks per broadcast."""
+        return self.broadcast_period_ns // self.control_period_ns
+
+
+class Formation(Table):
+    """``[formation]``: who hears whom (undirected) and the weights b_ji = b_ij.
+
+    ``coupling`` is one number, or a table with one entry per edge, such as
+    ``{ "1-2" = 2.0, "2-3" = 0.5 }``.
+    """
+
+    edges: list[Annotated[tuple[RobotId, RobotId], Field(strict=False)]]
+    coupling: Positive | dict[str, Positive] = 1.0
+
+    @cached_property
+    def weights(self) -> dict[tuple[int, int], float]:
+        """b of every edge, keyed by the edge with its smaller robot first."""
+        table = {
+            (min(edge), max(edge)): self.coupling
+            if isinstance(self.coupling, float | int)
+            else self.coupling.get(f"{edge[0]}-{edge[1]}", self.coupling.get(f"{edge[1]}-{edge[0]}"))
+            for edge in self.edges
+        }
+        return {edge: float(weight) for edge, weight in table.items() if weight is not None}
+
+
+class W1(Table):
+    """``law.w1``: w1(t) = bias + amplitude · sin(frequency · t)."""
+
+    bias: float = 0.5
+    amplitude: float = 0.0
+    frequency_radps: NonNegative = 0.0
+
+
+class LawSettings(Table):
+    """``[law]``: the control law and its parameters, named as in the paper.
+
+    ``kind`` is a built-in law or the name of an installed plug-in; a plug-in
+    finds its own settings in ``parameters``.
+    """
+
+    kind: str = "cooperative"
+    level: Literal["kinematic", "dynamic"] = "dynamic"
+    beta: Positive = 10.0
+    w1: W1 = W1()
+    feedback_gain: Positive = 10.0
+    feedback_shape: Literal["identity", "inertia"] = "inertia"
+    robust: bool = True
+    gamma: Positive = 0.1
+    boundary_layer: Positive = 1.0
+    length_scale_m: Positive = 1.0
+    delta: Literal["corrected", "printed"] = "corrected"
+    cross_term: Literal["printed", "compensated"] = "printed"
+    parameters: dict[str, Any] = {}
+
+
+class LinkRule(LinkOverrides):
+    """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``."""
+
+    model_config = ConfigDict(**STRICT, validate_by_name=True)
+    sources: list[RobotId] = Field(alias="from", min_length=1)
+    destinations: list[RobotId] = Field(alias="to", min_length=1)
+
+
+class Network(Table):
+    """``[network]``: the default of every directed link, and overrides; later ones win."""
+
+    default: LinkSettings = LinkSettings()
+    links: list[LinkRule] = []
+
+    def settings(self, source: int, destination: int) -> LinkSettings:
+        """The settings of the link from ``source`` to ``destination``."""
+        settings = self.default
+        for rule in self.links:
+            if source in rule.sources and destination in rule.destinations:
+                settings = settings.changed(rule)
+        return settings
+
+
+class Vehicle(Table):
+    """What one robot is and what its controller believes: ``[robot_defaults]``.
+
+    The middle of the wheel axle is the robot's reference point; the centre of
+    mass lies ``com_offset_m`` ahead of it; ``inertia_kgm2`` is about the centre
+    of mass. The estimates are what the law knows; they default to the truth.
+    ``damping`` is μ_j; ``robust_bound`` is ρ_j, by default ‖a − ā‖.
+    """
+
+    mass_kg: Positive = 1.0
+    inertia_kgm2: Positive = 1.0
+    com_offset_m: float = 0.0
+    mass_estimate_kg: Positive | None = None
+    inertia_estimate_kgm2: Positive | None = None
+    com_offset_estimate_m: float | None = None
+    robust_bound: NonNegative | None = None
+    half_axle_m: Positive = 0.5
+    wheel_radius_m: Positive = 0.2
+    wheel_torque_limit_nm: Positive | None = None
+    linear_friction_nspm: NonNegative = 0.0
+    angular_friction_nmsprad: NonNegative = 0.0
+    disturbance_force_n: float = 0.0
+    disturbance_torque_nm: float = 0.0
+    damping: NonNegative = 0.0
+
+    def estimate(self) -> tuple[float, float, float]:
+        """(mass, inertia about the centre of mass, centre-of-mass offset) as the law believes."""
+        return (
+            self.mass_kg if self.mass_estimate_kg is None else self.mass_estimate_kg,
+            self.inertia_kgm2 if self.inertia_estimate_kgm2 is None else self.inertia_estimate_kgm2,
+            self.com_offset_m if self.com_offset_estimate_m is None else self.com_offset_estimate_m,
+        )
+
+    def truth(self) -> tuple[float, float, float]:
+        """The same three as they are."""
+        return self.mass_kg, self.inertia_kgm2, self.com_offset_m
+
+
+class Start(Table):
+    """``robots[].start``: the initial pose; robots start at rest."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float = 0.0
+
+
+class Robot(Table):
+    """``[[robots]]``: an id, its place in the pattern, its start, and what differs from the defaults.
+
+    The fields of :class:`Vehicle` may be given here too; see :func:`_robot_model`.
+    """
+
+    id: RobotId
+    offset_m: Annotated[tuple[float, float], Field(strict=False)]
+    start: Start
+
+    def vehicle(self, defaults: Vehicle) -> Vehicle:
+        """This robot's own values over the defaults."""
+        own = {
+            name: value
+            for name, value in self
+            if name in Vehicle.model_fields and value is not None
+        }
+        return defaults.model_copy(update=own)
+
+
+def _robot_model() -> type[Robot]:
+    """:class:`Robot` with every field of :class:`Vehicle` as an optional override."""
+    from pydantic import create_model
+
+    overrides: dict[str, Any] = {
+        name: (info.rebuild_annotation() | None, None)
+        for name, info in Vehicle.model_fields.items()
+    }
+    return create_model("RobotTable", __base__=Robot, __doc__=Robot.__doc__, **overrides)
+
+
+RobotTable = _robot_model()
+
+
+class Expect(Table):
+    """``[expect]``: which of Eqs. 3-5 shall hold over the last ``window_s`` of the run.
+
+    ``false`` is a claim too: the run fails if the equation does hold.
+    ``window_s`` defaults to a tenth of the run, at least one broadcast period.
+    """
+
+    formation: bool | None = None
+    heading: bool | None = None
+    centroid: bool | None = None
+    formation_tolerance_m: Positive = 0.05
+    heading_tolerance_rad: Positive = 0.02
+    centroid_tolerance_m: Positive = 0.2
+    window_s: Positive | None = None
+
+
+class Scenario(Table):
+    """One run, from a TOML file."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+    description: str = ""
+    seed: Annotated[int, Field(ge=0)] = 1
+    duration_s: Positive
+    clock: Clock = Clock()
+    formation: Formation
+    law: LawSettings = LawSettings()
+    network: Network = Network()
+    robot_defaults: Vehicle = Vehicle()
+    robots: Annotated[list[RobotTable], Field(min_length=1)]  # type: ignore[valid-type]
+    expect: Expect | None = None
+
+    @property
+    def ids(self) -> list[int]:
+        """Robot ids in the order of the file; every array of a run has this order."""
+        return [robot.id for robot in self.robots]
+
+    @property
+    def ticks(self) -> int:
+        """Control periods in the run; the run samples ticks 0 to ``ticks``, both included."""
+        return nanoseconds(self.duration_s) // self.clock.control_period_ns
+
+    @cached_property
+    def vehicles(self) -> dict[int, Vehicle]:
+        """Every robot's resolved parameters."""
+        return {robot.id: robot.vehicle(self.robot_defaults) for robot in self.robots}
+
+    @cached_property
+    def neighbours(self) -> dict[int, list[int]]:
+        """𝒩_j of every robot, ascending."""
+        table: dict[int, set[int]] = {robot: set() for robot in self.ids}
+        for first, second in self.formation.edges:
+            table[first].add(second)
+            table[second].add(first)
+        return {robot: sorted(others) for robot, others in table.items()}
+
+    @property
+    def directed_links(self) -> list[tuple[int, int]]:
+        """Every (source, destination) that carries broadcasts, ascending."""
+        return sorted((i, j) for j, others in self.neighbours.items() for i in others)
+
+    @property
+    def offsets_m(self) -> NDArray[np.float64]:
+        """The pattern (p_x, p_y), shape (n_robots, 2)."""
+        return np.array([robot.offset_m for robot in self.robots])
+
+    def start_state(self, robot: int) -> State:
+        """Pose at t = 0, at rest."""
+        start = next(r.start for r in self.robots if r.id == robot)
+        return State(start.x_m, start.y_m, start.heading_rad, 0.0, 0.0)

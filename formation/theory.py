@@ -1,0 +1,165 @@
+"""What the paper proves about a scenario: graph numbers, the theorem it falls under, warnings.
+
+A broken assumption is a warning, not an error: an experiment may break it on
+purpose.
+"""
+
+from typing import NamedTuple
+
+from formation.graph import algebraic_connectivity, components, laplacian, smallest_eigenvalue
+from formation.scenario import Scenario
+from netem.settings import ConstantDelaySettings
+
+CLAIMS = ("formation", "heading", "centroid")
+"""Eqs. 3, 4 and 5, by the names they have in ``[expect]``."""
+
+
+class Assessment(NamedTuple):
+    """The theory's view of one scenario.
+
+    ``theorem`` is 1-6 or None; ``why`` says how that follows. ``claims`` maps
+    each of CLAIMS to whether the theorem claims it (empty without a theorem).
+    ``cross_term_margin`` is β λ_min(L + diag μ), which must exceed 1/4 for
+    Theorems 2 and 4 to survive the cross term their proofs drop.
+    """
+
+    algebraic_connectivity: float
+    smallest_eigenvalue: float
+    cross_term_margin: float
+    theorem: int | None
+    why: str
+    claims: dict[str, bool]
+    warnings: list[str]
+
+
+def assess(scenario: Scenario) -> Assessment:
+    """Classify a valid scenario and name every assumption it breaks."""
+    matrix = laplacian(scenario.ids, scenario.formation.weights)
+    damping = [scenario.vehicles[robot].damping for robot in scenario.ids]
+    connectivity = algebraic_connectivity(matrix)
+    smallest = smallest_eigenvalue(matrix, damping)
+    margin = scenario.law.beta * smallest
+    broken = _broken_assumptions(scenario)
+    gaps = _uncovered(scenario)
+    theorem: int | None = None
+    if broken or gaps:
+        why = "no theorem applies: " + "; ".join([*broken, *gaps])
+    else:
+        theorem, why = _theorem(scenario, any(mu > 0 for mu in damping))
+    claims = {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
+    warnings = [*broken, *_expectation_warnings(scenario, theorem, claims, why)]
+    if (
+        theorem in (2, 4)
+        and scenario.law.cross_term == "printed"
+        and margin <= 0.25
+    ):
+        warnings.append(
+            f"law.cross_term: β λ_min(L + diag μ) = {margin:.3g} is not above 1/4, so the term "
+            f"w1 z2 z3 that the proof of Theorem {theorem} drops is not dominated; "
+            'cross_term = "compensated" removes it'
+        )
+    return Assessment(connectivity, smallest, margin, theorem, why, claims, warnings)
+
+
+def _broken_assumptions(scenario: Scenario) -> list[str]:
+    broken = []
+    groups = components(scenario.ids, scenario.formation.edges)
+    if len(groups) > 1:
+        text = ", ".join("{" + ", ".join(map(str, group)) + "}" for group in groups)
+        broken.append(f"Assumption 1 (connected graph): the graph falls into {text}")
+    w1 = scenario.law.w1
+    if w1.bias == 0.0 and (w1.amplitude == 0.0 or w1.frequency_radps == 0.0):
+        broken.append("Assumption 2 (persistent excitation): w1 is zero at all times")
+    return broken
+
+
+def _uncovered(scenario: Scenario) -> list[str]:
+    """What no theorem speaks of although no assumption forbids it."""
+    gaps = []
+    law, network = scenario.law, scenario.network
+    if law.kind != "cooperative":
+        gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
+    if law.delta == "printed":
+        gaps.append("Δ has the sign printed in Eq. 19, with which the proofs fail")
+    delays: dict[int, set[float]] = {}
+    for source, destination in scenario.directed_links:
+        settings = network.settings(source, destination)
+        place = f"the link from {source} to {destination}"
+        if not isinstance(settings.delay, ConstantDelaySettings):
+            gaps.append(f"the delay on {place} is not constant")
+            break
+        if settings.loss.probability > 0.0:
+            gaps.append(f"{place} loses messages")
+            break
+        delays.setdefault(source, set()).add(settings.delay.mean_s)
+    uneven = [source for source, values in delays.items() if len(values) > 1]
+    if uneven:
+        gaps.append(
+            f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
+        )
+    damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
+    if not damped and any(value > 0.0 for values in delays.values() for value in values):
+        gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
+    if law.level == "dynamic":
+        gaps.extend(_outside_model(scenario))
+    return gaps
+
+
+def _outside_model(scenario: Scenario) -> list[str]:
+    fields = (
+        "wheel_torque_limit_nm", "linear_friction_nspm", "angular_friction_nmsprad",
+        "disturbance_force_n", "disturbance_torque_nm",
+    )  # fmt: skip
+    names = [
+        field for field in fields
+        if any(getattr(vehicle, field) for vehicle in scenario.vehicles.values())
+    ]  # fmt: skip
+    gaps = [f"{name} is not part of Eq. 7's model" for name in names]
+    inexact = [r for r in scenario.ids if scenario.vehicles[r].estimate() != scenario.vehicles[r].truth()]
+    if inexact and not scenario.law.robust:
+        gaps.append(f"the estimates of robot {inexact[0]} are wrong and law.robust is off")
+    return gaps
+
+
+def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
+    delayed = any(
+        scenario.network.settings(*link).delay != ConstantDelaySettings()
+        for link in scenario.directed_links
+    )
+    kinematic = scenario.law.level == "kinematic"
+    theorem = (5 if kinematic else 6) if delayed else (1 if kinematic else 3) + damped
+    reasons = [
+        f"{scenario.law.level} level",
+        "constant delays" if delayed else "no delays",
+        "some μ > 0" if damped else "all μ = 0",
+        "connected graph",
+        "persistent w1",
+    ]
+    return theorem, f"Theorem {theorem}: " + ", ".join(reasons)
+
+
+def _expectation_warnings(
+    scenario: Scenario, theorem: int | None, claims: dict[str, bool], why: str
+) -> list[str]:
+    expect = scenario.expect
+    if expect is None:
+        return []
+    warnings = []
+    damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
+    if expect.centroid and not damped:
+        warnings.append(
+            "expect.centroid = true, but no robot has positive damping (Theorem 2 asks for Σμ > 0)"
+        )
+    stated = {claim: getattr(expect, claim) for claim in CLAIMS}
+    if theorem is None and any(stated.values()):
+        warnings.append(f"[expect] claims what no theorem covers ({why})")
+    elif theorem is not None:
+        warnings += [
+            f"expect.{claim} = true, but Theorem {theorem} does not claim it"
+            if value
+            else f"expect.{claim} = false contradicts Theorem {theorem}"
+            for claim, value in stated.items()
+            if value is not None and value != claims[claim] and not (claim == "centroid" and value and not damped)
+        ]
+    return warnings
+

@@ -1,0 +1,133 @@
+"""All robots' bodies and the virtual time they share, as a pure core.
+
+The plant owns virtual time. At tick k it measures every robot (``Sense``) and
+integrates over [t_k, t_{k+1}) once it has every robot's answer (``Drive``). The
+last tick is measured and answered but not integrated, so a run of N periods has
+N + 1 samples and every sample has its command.
+"""
+
+import math
+from typing import NamedTuple
+
+from formation.messages import Drive, Sense, State
+from formation.scenario import Scenario
+from plant.body import Body, driven, steered
+
+
+class Sample(NamedTuple):
+    """One robot at one recorded instant, with what it applies from there on.
+
+    The torques are those that reach the wheels (after the limit); None at the
+    kinematic level, which has no torques.
+    """
+
+    t_ns: int
+    robot: int
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    turn_rate_radps: float
+    torque_right_nm: float | None
+    torque_left_nm: float | None
+
+
+class Diverged(NamedTuple):
+    """A command or a state stopped being finite: the run can go no further."""
+
+    t_ns: int
+    robot: int
+    what: str
+
+
+class World:
+    """Feed it drives; it returns the senses to send when a tick is complete."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.ids = scenario.ids
+        self.tick = 0
+        self.finished = False
+        self.diverged: Diverged | None = None
+        self._ticks = scenario.ticks
+        self._period_ns = scenario.clock.control_period_ns
+        self._period_s = self._period_ns * 1e-9
+        self._record_every = scenario.clock.broadcast_every
+        self._dynamic = scenario.law.level == "dynamic"
+        self._bodies = {robot: Body.of(scenario.vehicles[robot]) for robot in self.ids}
+        self._states = {robot: scenario.start_state(robot) for robot in self.ids}
+        self._next: dict[int, State] = {}
+        self._samples: list[Sample] = []
+        self._row: dict[int, Sample] = {}
+
+    @property
+    def t_ns(self) -> int:
+        """Virtual time of the current tick."""
+        return self.tick * self._period_ns
+
+    def senses(self) -> list[tuple[int, Sense]]:
+        """What to tell each robot at the current tick."""
+        return [(robot, Sense(self.tick, self._states[robot])) for robot in self.ids]
+
+    def awaited(self) -> list[int]:
+        """Robots whose answer the current tick still lacks."""
+        return [] if self.finished else [r for r in self.ids if r not in self._next]
+
+    def on_drive(self, drive: Drive) -> bool:
+        """One robot's answer. Returns whether it completed the tick.
+
+        Raises:
+            ValueError: from an unknown robot, for another tick, or a second answer.
+        """
+        robot = drive.robot
+        state = self._states.get(robot)
+        if state is None or self.finished or drive.tick != self.tick or robot in self._next:
+            raise ValueError(
+                f"unexpected drive of robot {robot} for tick {drive.tick} (the plant is at "
+                f"tick {self.tick} and awaits robots {self.awaited()})"
+            )
+        if self.tick % self._record_every == 0 or self.tick == self._ticks:
+            self._record(robot, state, drive)
+        if not math.isfinite(drive.right + drive.left):
+            self._diverge(robot, "command is not finite")
+            return False
+        if self.tick == self._ticks:
+            self._next[robot] = state
+        elif self._dynamic:
+            self._next[robot] = driven(
+                self._bodies[robot], state, drive.right, drive.left, self._period_s
+            )
+        else:
+            self._next[robot] = steered(state, drive.right, drive.left, self._period_s)
+        if not math.isfinite(sum(self._next[robot])):
+            self._diverge(robot, "state is not finite")
+            return False
+        if len(self._next) < len(self.ids):
+            return False
+        self._complete()
+        return True
+
+    def take_samples(self) -> list[Sample]:
+        """Recorded samples since the last call, whole ticks only, in tick and file order."""
+        samples, self._samples = self._samples, []
+        return samples
+
+    def _complete(self) -> None:
+        if self._row:
+            self._samples.extend(self._row[robot] for robot in self.ids)
+            self._row = {}
+        if self.tick == self._ticks:
+            self.finished = True
+            return
+        self._states, self._next = self._next, {}
+        self.tick += 1
+
+    def _record(self, robot: int, state: State, drive: Drive) -> None:
+        body = self._bodies[robot]
+        torques: tuple[float | None, float | None] = (None, None)
+        if self._dynamic:
+            torques = body.saturated(drive.right), body.saturated(drive.left)
+        self._row[robot] = Sample(self.t_ns, robot, *state, *torques)
+
+    def _diverge(self, robot: int, what: str) -> None:
+        self.diverged = Diverged(self.t_ns, robot, what)
+        self.finished = True
