@@ -12,7 +12,7 @@ t_s + δ <= t_k; the law sees each neighbour's newest usable message by stamp.
 """
 
 from collections import Counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from agent.law import Law
 from formation.messages import (
@@ -25,10 +25,20 @@ from formation.messages import (
     Sense,
     Stamped,
 )
+from formation.record import LinkRow
 from formation.scenario import Scenario
+from netem import DELIVERED
 
 
 _NEVER = 2**63 - 1
+
+
+class LawFailed(RuntimeError):
+    """The law of ``robot`` raised, or returned no pair of numbers; the text says what."""
+
+    def __init__(self, robot: int, error: str) -> None:
+        super().__init__(error)
+        self.robot = robot
 
 
 class Outgoing(NamedTuple):
@@ -67,12 +77,16 @@ class Robot:
         self._sequences = dict.fromkeys(self.neighbours, -1)
         self._sequence = 0
         self._pending: Sense | None = None
-        self._rows: list[list[Any]] = []
+        self._rows: list[LinkRow] = []
         self._rejections: Counter[tuple[int, str]] = Counter()
         self._unreported: dict[tuple[int, str], int] = {}
 
     def on_sense(self, sense: Sense) -> list[Outgoing | Drive]:
-        """The plant's measurement at a tick; returns the broadcast, if due, and the answer, if ready."""
+        """The plant's measurement at a tick; returns the broadcast, if due, and the answer, if ready.
+
+        Raises:
+            LawFailed: the law could not answer.
+        """
         self._pending = sense
         out: list[Outgoing | Drive] = []
         if sense.tick % self._every == 0:
@@ -87,6 +101,9 @@ class Robot:
 
         ``source`` is whose broadcasts the bus says these are. Returns the
         answer to the pending ``Sense`` if this was what it waited for.
+
+        Raises:
+            LawFailed: as in :meth:`on_sense`.
         """
         link = self._links.get(source)
         if link is None:
@@ -109,8 +126,9 @@ class Robot:
         self._arrived[source] = note.tick
         self._heard_up_to = min(self._arrived.values())
         for copy in link.send(note.tick * self._period_ns, note.sequence, payload):
+            usable_ns = copy.due_ns if copy.fate == DELIVERED else None
             self._rows.append(
-                [copy.sent_ns, copy.due_ns, source, self.robot, copy.sequence, copy.fate]
+                LinkRow(copy.sent_ns, usable_ns, source, self.robot, copy.sequence, copy.fate)
             )
         due_ns = link.next_due_ns
         if due_ns is not None and due_ns < self._next_due_ns:
@@ -129,8 +147,13 @@ class Robot:
         """The tick this robot has been asked for and has not answered yet."""
         return None if self._pending is None else self._pending.tick
 
-    def take_link_rows(self) -> list[list[Any]]:
-        """Fates of messages on incoming links since the last call (see ``messages.Links``)."""
+    @property
+    def unreported(self) -> int:
+        """How many link rows and rejections wait to be taken."""
+        return len(self._rows) + len(self._unreported)
+
+    def take_link_rows(self) -> list[LinkRow]:
+        """Fates of messages on incoming links since the last call."""
         rows, self._rows = self._rows, []
         return rows
 
@@ -160,8 +183,11 @@ class Robot:
         now_ns = tick * self._period_ns
         if self._next_due_ns <= now_ns:
             self._collect(now_ns)
-        first, second = self._law.command(now_ns, state, self._newest)
-        return Drive(self.robot, tick, float(first), float(second))
+        try:
+            first, second = self._law.command(now_ns, state, self._newest)
+            return Drive(self.robot, tick, float(first), float(second))
+        except Exception as error:  # a law may raise anything
+            raise LawFailed(self.robot, f"{type(error).__name__}: {error}") from error
 
     def _collect(self, now_ns: int) -> None:
         """Take from the links what is due, and keep each neighbour's newest by stamp."""

@@ -158,13 +158,10 @@ class Waiting(NamedTuple):
 
 
 class Links(NamedTuple):
-    """Robot to plant: fates of messages on my incoming links.
-
-    Rows are ``[t_sent_ns, t_usable_ns, source, destination, sequence, fate]``.
-    """
+    """Robot to plant: fates of messages on my incoming links (rows of ``record.LinkRow``)."""
 
     robot: int
-    rows: list[list[Any]]
+    rows: list[Any]
 
 
 class Rejected(NamedTuple):

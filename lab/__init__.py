@@ -1,0 +1,1 @@
+"""Everything around a run: launching, recording, verdict, figures, command line."""

@@ -5,28 +5,75 @@ fast way to run many scenarios.
 """
 
 from collections import deque
+from collections.abc import Callable
 
 from agent.law import make
-from agent.robot import Robot
-from formation.messages import Drive, Sense
+from agent.robot import LawFailed, Robot
+from formation.messages import Drive
+from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario
 from plant.world import World
 
-def simulate(scenario):
+_FLUSH_TICKS = 100
+
+
+def run(scenario: Scenario, name: str, sink: Sink, stopped: Callable[[], bool] = lambda: False) -> Outcome:
+    """Run ``scenario`` as run ``name`` and report to ``sink``; ``stopped`` is asked now and then."""
     world = World(scenario)
-    robots = {robot: Robot(scenario, robot, run="inline", law=make(scenario, robot)) for robot in scenario.ids}
-    receivers = scenario.neighbours
-    samples=[]
-    while True:
-        drives=[]
-        for robot, sense in world.senses():
-            for out in robots[robot].on_sense(sense):
-                if isinstance(out, Drive): drives.append(out)
-                else:
-                    env = out.envelope.pack()
-                    for r in receivers[robot]:
-                        d = robots[r].on_broadcast(robot, out.payload, env)
-                        if d: drives.append(d)
-        for d in drives: world.on_drive(d)
-        samples+=world.take_samples()
-        if world.finished: return samples
+    robots: dict[int, Robot] = {}
+    for robot in scenario.ids:
+        try:
+            robots[robot] = Robot(scenario, robot, run=name, law=make(scenario, robot))
+        except Exception as error:  # a plug-in may raise anything
+            return _finish(Outcome("failed", 0, robot, f"{type(error).__name__}: {error}"), world, {}, sink)
+    receivers = [(robot, [robots[i] for i in scenario.neighbours[robot]]) for robot in robots]
+    heard_by = dict(receivers)
+    sink(Event("started", 0, {"robots": scenario.ids}))
+    drives: deque[Drive] = deque()
+    try:
+        while True:
+            for robot, sense in world.senses():
+                for out in robots[robot].on_sense(sense):
+                    if type(out) is Drive:
+                        drives.append(out)
+                        continue
+                    payload, envelope = out  # type: ignore[misc]
+                    note = envelope.pack()  # type: ignore[union-attr]
+                    for receiver in heard_by[robot]:
+                        drive = receiver.on_broadcast(robot, payload, note)  # type: ignore[arg-type]
+                        if drive is not None:
+                            drives.append(drive)
+            while drives:
+                world.on_drive(drives.popleft())
+            if world.finished:
+                break
+            if world.tick % _FLUSH_TICKS == 0:
+                _flush(world, robots, sink)
+                if stopped():
+                    return _finish(
+                        Outcome("interrupted", world.t_ns, None, "stopped by the user"),
+                        world, robots, sink,
+                    )  # fmt: skip
+    except LawFailed as error:
+        return _finish(Outcome("failed", world.t_ns, error.robot, str(error)), world, robots, sink)
+    diverged = world.diverged
+    outcome = (
+        Outcome("completed", world.t_ns, None, "")
+        if diverged is None
+        else Outcome("diverged", diverged.t_ns, diverged.robot, diverged.what)
+    )
+    return _finish(outcome, world, robots, sink)
+
+
+def _flush(world: World, robots: dict[int, Robot], sink: Sink) -> None:
+    sink(Samples(world.take_samples()))
+    for robot in robots.values():
+        sink(LinkRows(robot.take_link_rows()))
+        for rejected in robot.take_rejections():
+            sink(Event("rejected", world.t_ns, rejected._asdict()))
+
+
+def _finish(outcome: Outcome, world: World, robots: dict[int, Robot], sink: Sink) -> Outcome:
+    _flush(world, robots, sink)
+    sink(outcome)
+    return outcome

@@ -10,26 +10,9 @@ import math
 from typing import NamedTuple
 
 from formation.messages import Drive, Sense, State
+from formation.record import Sample
 from formation.scenario import Scenario
 from plant.body import Body, driven, steered
-
-
-class Sample(NamedTuple):
-    """One robot at one recorded instant, with what it applies from there on.
-
-    The torques are those that reach the wheels (after the limit); None at the
-    kinematic level, which has no torques.
-    """
-
-    t_ns: int
-    robot: int
-    x_m: float
-    y_m: float
-    heading_rad: float
-    speed_mps: float
-    turn_rate_radps: float
-    torque_right_nm: float | None
-    torque_left_nm: float | None
 
 
 class Diverged(NamedTuple):

@@ -1,0 +1,234 @@
+"""One robot's process: a thin shell that carries messages between Zenoh and the core.
+
+Zenoh calls back on threads of its own; the hot path (sense in, drive out) runs
+right there, because handing each message to another thread costs more than the
+law itself. The main thread does everything slow: the start handshake, naming
+who is waited for, and the end.
+"""
+
+import queue
+import sys
+import threading
+import traceback
+from typing import Any
+
+import zenoh
+
+from agent.law import make
+from agent.robot import LawFailed, Robot
+from formation import bus
+from formation.loading import loads
+from formation.messages import (
+    HELLO,
+    PROTOCOL,
+    Brief,
+    Drive,
+    End,
+    Envelope,
+    Failed,
+    Join,
+    Links,
+    Message,
+    Ready,
+    Sense,
+    Waiting,
+    encode,
+)
+from formation.process import on_stop
+
+RETRY_S = 0.05
+"""How often an unanswered handshake message is repeated."""
+PATIENCE_S = 1.0
+"""How long to wait before saying for whom."""
+_FLUSH_ROWS = 200
+
+
+class RobotProcess:
+    """Joins run ``run`` at ``session``'s hub as robot ``robot`` and stays until its end."""
+
+    def __init__(self, session: zenoh.Session, robot: int, run: str) -> None:
+        self._session = session
+        self._id = robot
+        self._run = run
+        self._keys = bus.Keys(run)
+        self._inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self._lock = threading.Lock()  # guards the core: senses and broadcasts come on own threads
+        self._robot: Robot | None = None
+        self._started = threading.Event()
+        self._broadcast: zenoh.Publisher | None = None
+        self._heard: set[int] = set()
+        self._to_plant = bus.publisher(session, self._keys.from_robot(robot))
+        self._subscriptions: list[Any] = [
+            bus.on_message(
+                session, self._keys.to_robot(robot), self._from_plant, self._refuse
+            )
+        ]
+
+    def stop(self, reason: str = "stopped") -> None:
+        """End the process soon; callable from any thread and from signal handlers."""
+        self._inbox.put(End(self._id, reason))
+
+    def run(self) -> int:
+        """Take part until the end; returns the exit code (0, or 3 if the robot failed)."""
+        alive = self._session.liveliness().declare_token(self._keys.robot_alive(self._id))
+        plant_watch = self._session.liveliness().declare_subscriber(
+            self._keys.plant_alive, self._on_plant_liveliness, history=True
+        )
+        self._subscriptions += [alive, plant_watch]
+        brief = self._until(Brief, Join(self._id, PROTOCOL))
+        if not isinstance(brief, Brief):
+            return 3
+        scenario = loads(brief.scenario, "brief")
+        try:
+            robot = Robot(scenario, self._id, run=self._run, law=make(scenario, self._id))
+        except Exception as error:  # a plug-in's constructor may raise anything
+            return self._fail(error)
+        self._robot = robot
+        self._broadcast = bus.publisher(self._session, self._keys.broadcast(self._id))
+        self._subscriptions += [
+            self._session.declare_subscriber(
+                self._keys.broadcast(neighbour),
+                lambda sample, source=neighbour: self._on_broadcast(source, sample),
+            )
+            for neighbour in robot.neighbours
+        ]
+        end = self._meet(robot) or self._attend(robot)
+        with self._lock:
+            self._flush(robot)
+        if isinstance(end, Failed):
+            return 3
+        self._send(End(self._id, end.reason))
+        return 0
+
+    # --- the main thread -----------------------------------------------------------
+
+    def _until(self, kind: type[Message], repeat: Message) -> Message:
+        """Say ``repeat`` again and again until a message of ``kind``, or the end, arrives."""
+        while True:
+            self._send(repeat)
+            try:
+                message = self._inbox.get(timeout=RETRY_S)
+            except queue.Empty:
+                continue
+            if isinstance(message, kind | End):
+                return message
+
+    def _meet(self, robot: Robot) -> End | None:
+        """Say hello until every neighbour was heard and the first tick has come.
+
+        A message put before its subscriber is known is lost silently, so every
+        path of the run is proven by a message that has come through it.
+        """
+        hello = Envelope(self._id, -1, HELLO).pack()
+        assert self._broadcast is not None
+        while not self._started.is_set():
+            self._broadcast.put(b"", attachment=hello)
+            if self._heard.issuperset(robot.neighbours):
+                self._send(Ready(self._id))
+            try:
+                message = self._inbox.get(timeout=RETRY_S)
+            except queue.Empty:
+                continue
+            if isinstance(message, End):
+                return message
+        return None
+
+    def _attend(self, robot: Robot) -> Any:
+        """Wait for the end; meanwhile say for whom the robot waits, if it does."""
+        last: int | None = None
+        while True:
+            try:
+                message = self._inbox.get(timeout=PATIENCE_S)
+            except queue.Empty:
+                with self._lock:
+                    tick, awaited = robot.pending_tick, robot.awaited()
+                if tick is not None and tick == last and awaited:
+                    self._send(Waiting(self._id, tick, awaited))
+                last = tick
+                continue
+            if isinstance(message, End | Failed):
+                return message
+
+    def _flush(self, robot: Robot) -> None:
+        """Report fates and refusals; the caller holds the lock."""
+        rows, rejections = robot.take_link_rows(), robot.take_rejections()
+        for start in range(0, len(rows), _FLUSH_ROWS):
+            self._send(Links(self._id, rows[start : start + _FLUSH_ROWS]))
+        for rejection in rejections:
+            self._send(rejection)
+
+    def _send(self, message: Message) -> None:
+        self._to_plant.put(encode(message))
+
+    # --- Zenoh's threads -------------------------------------------------------------
+
+    def _from_plant(self, _robot: int, message: Message) -> None:
+        if type(message) is not Sense:
+            self._inbox.put(message)
+            return
+        robot = self._robot
+        if robot is None:
+            return
+        if not self._started.is_set():
+            self._started.set()
+            self._inbox.put(Ready(self._id))  # wakes the handshake
+        try:
+            with self._lock:
+                for out in robot.on_sense(message):
+                    if type(out) is Drive:
+                        self._drive(robot, out)
+                    else:
+                        assert self._broadcast is not None
+                        payload, envelope = out
+                        self._broadcast.put(payload, attachment=envelope.pack())  # type: ignore[union-attr]
+        except LawFailed as error:
+            self._fail(error)
+
+    def _on_broadcast(self, source: int, sample: zenoh.Sample) -> None:
+        robot, attachment = self._robot, sample.attachment
+        if robot is None:
+            return
+        self._heard.add(source)
+        try:
+            with self._lock:
+                drive = robot.on_broadcast(
+                    source,
+                    sample.payload.to_bytes(),
+                    None if attachment is None else attachment.to_bytes(),
+                )
+                if drive is not None:
+                    self._drive(robot, drive)
+        except LawFailed as error:
+            self._fail(error)
+
+    def _drive(self, robot: Robot, drive: Drive) -> None:
+        self._send(drive)
+        if robot.unreported >= _FLUSH_ROWS:
+            self._flush(robot)
+
+    def _refuse(self, _robot: int, reason: str) -> None:
+        print(f"refused a message on the plant's key: {reason}", file=sys.stderr, flush=True)
+
+    def _on_plant_liveliness(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self.stop("the plant is gone")
+
+    def _fail(self, error: Exception) -> int:
+        traceback.print_exc()
+        what = str(error) if isinstance(error, LawFailed) else f"{type(error).__name__}: {error}"
+        failed = Failed(self._id, what)
+        self._send(failed)
+        self._inbox.put(failed)
+        return 3
+
+
+def main(*, robot: int, run: str, connect: str, stop_at_end_of_input: bool) -> int:
+    """Run robot ``robot`` of run ``run`` against the plant at ``connect``; returns the exit code.
+
+    Raises:
+        BusError: the plant cannot be reached.
+    """
+    with bus.session(connect=connect) as session:
+        process = RobotProcess(session, robot, run)
+        on_stop(process.stop, at_end_of_input=stop_at_end_of_input)
+        return process.run()

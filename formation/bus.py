@@ -1,0 +1,131 @@
+"""Zenoh as this project uses it: keys of a run, and sessions that stay where they should.
+
+Sessions find each other by the endpoints they are given, never by multicast or
+gossip, and only on loopback. The plant's session is the hub (a full Zenoh
+router inside its process); everybody else is its client.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from ipaddress import ip_address
+from typing import Any
+
+import zenoh
+
+from formation.messages import MessageError, decode
+
+LOOPBACK = "127.0.0.1"
+
+
+class BusError(RuntimeError):
+    """A session cannot be opened; the text says which endpoint and why."""
+
+
+class Keys:
+    """The key expressions of one run: ``formnet/<run>/...``."""
+
+    def __init__(self, run: str) -> None:
+        self._prefix = f"formnet/{run}"
+        self.from_robots = f"{self._prefix}/from-robot/*"
+        self.robots_alive = f"{self._prefix}/alive/robot/*"
+        self.plant_alive = f"{self._prefix}/alive/plant"
+
+    def to_robot(self, robot: int) -> str:
+        """What the plant tells ``robot``."""
+        return f"{self._prefix}/to-robot/{robot}"
+
+    def from_robot(self, robot: int) -> str:
+        """What ``robot`` tells the plant."""
+        return f"{self._prefix}/from-robot/{robot}"
+
+    def broadcast(self, robot: int) -> str:
+        """What ``robot`` tells its neighbours."""
+        return f"{self._prefix}/broadcast/{robot}"
+
+    def robot_alive(self, robot: int) -> str:
+        """The liveliness token of ``robot``."""
+        return f"{self._prefix}/alive/robot/{robot}"
+
+
+def last_number(key: object) -> int:
+    """The robot id at the end of a key."""
+    return int(str(key).rpartition("/")[2])
+
+
+@contextmanager
+def session(*, connect: str | None = None, listen: str | None = None) -> Iterator[zenoh.Session]:
+    """An open session, closed at the end (an unclosed one hangs the interpreter's exit).
+
+    Raises:
+        BusError: an endpoint is not on loopback, is taken, or nobody answers there within 10 s.
+    """
+    for endpoint in filter(None, (connect, listen)):
+        _require_loopback(endpoint)
+    config = {
+        "mode": "router" if listen else "client",
+        "listen": {"endpoints": [listen] if listen else []},
+        "connect": {
+            "endpoints": [connect] if connect else [],
+            "timeout_ms": 10_000,
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 1.5},
+        },
+        "scouting": {
+            "delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False},
+        },
+        # One class of traffic and no batching layer: halves the cost of a lockstep tick.
+        "transport": {"unicast": {"lowlatency": True, "qos": {"enabled": False}}},
+    }  # fmt: skip
+    try:
+        opened = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+    except zenoh.ZError as error:
+        what = f"listen on {listen}" if listen else f"reach {connect}"
+        raise BusError(f"cannot {what}: {error}") from None
+    try:
+        yield opened
+    finally:
+        opened.close()
+
+
+def publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:
+    """A publisher that sends at once and blocks rather than drops."""
+    return opened.declare_publisher(
+        key, express=True, congestion_control=zenoh.CongestionControl.BLOCK
+    )
+
+
+def on_message(
+    opened: zenoh.Session,
+    key: str,
+    receive: Callable[[int, Any], None],
+    refuse: Callable[[int, str], None],
+) -> Any:
+    """Subscribe to lockstep messages: ``receive(robot, message)``, robot taken from the key.
+
+    What does not decode goes to ``refuse(robot, reason)``. Both are called on
+    the subscription's own thread.
+    """
+
+    def handle(sample: zenoh.Sample) -> None:
+        robot = last_number(sample.key_expr)
+        try:
+            message = decode(sample.payload.to_bytes())
+        except MessageError as error:
+            refuse(robot, str(error))
+        else:
+            receive(robot, message)
+
+    return opened.declare_subscriber(key, handle)
+
+
+def _require_loopback(endpoint: str) -> None:
+    address = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    try:
+        local = address == "localhost" or ip_address(address).is_loopback
+    except ValueError:
+        local = False
+    if not local:
+        raise BusError(
+            f"{endpoint}: only loopback endpoints such as tcp/{LOOPBACK}:7447 are allowed"
+        )

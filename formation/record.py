@@ -1,0 +1,107 @@
+"""What a run reports while it goes on: a stream of records, and its form as bytes.
+
+The plant emits it; the lab consumes it. In a distributed run it is a pipe of
+msgpack objects, so what was sent before a process was killed can still be read.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import IO, Any, NamedTuple
+
+import msgpack
+
+
+class Sample(NamedTuple):
+    """One robot at one recorded instant, with what it applies from there on.
+
+    The torques are those that reach the wheels (after the limit); None at the
+    kinematic level, which has no torques.
+    """
+
+    t_ns: int
+    robot: int
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    turn_rate_radps: float
+    torque_right_nm: float | None
+    torque_left_nm: float | None
+
+
+class LinkRow(NamedTuple):
+    """What became of one message on one directed link.
+
+    ``t_usable_ns`` is when the receiver may first use it, None if it is lost.
+    """
+
+    t_sent_ns: int
+    t_usable_ns: int | None
+    source: int
+    destination: int
+    sequence: int
+    fate: str
+
+
+class Samples(NamedTuple):
+    """Consecutive samples, whole ticks only."""
+
+    rows: list[Sample]
+
+
+class LinkRows(NamedTuple):
+    """Fates of messages, in no order."""
+
+    rows: list[LinkRow]
+
+
+class Event(NamedTuple):
+    """Something worth a line in ``events.jsonl``: ``kind`` at virtual time ``t_ns``, and details."""
+
+    kind: str
+    t_ns: int
+    details: dict[str, Any]
+
+
+class Outcome(NamedTuple):
+    """How the run ended, at virtual time ``t_ns``.
+
+    ``kind`` is ``completed``, ``diverged``, ``interrupted``, ``lost`` (a robot
+    died), ``failed`` (a robot could not go on) or ``broken`` (the rest).
+    """
+
+    kind: str
+    t_ns: int
+    robot: int | None
+    reason: str
+
+
+Record = Samples | LinkRows | Event | Outcome
+Sink = Callable[[Record], None]
+
+_KINDS: dict[str, type[Record]] = {k.__name__: k for k in (Samples, LinkRows, Event, Outcome)}
+
+
+def writer(stream: IO[bytes]) -> Sink:
+    """A sink that writes every record to ``stream`` at once."""
+    pack = msgpack.Packer(autoreset=True).pack
+
+    def write(record: Record) -> None:
+        stream.write(pack((type(record).__name__, *record)))
+        stream.flush()
+
+    return write
+
+
+def read(stream: IO[bytes]) -> Iterator[Record]:
+    """The records in ``stream`` until it ends; a record cut off at the end is dropped."""
+    unpacker = msgpack.Unpacker(max_buffer_size=2**30)
+    while chunk := stream.read1(2**16):  # type: ignore[attr-defined]
+        unpacker.feed(chunk)
+        for name, *fields in unpacker:
+            kind = _KINDS[name]
+            if kind is Samples:
+                yield Samples([Sample(*row) for row in fields[0]])
+            elif kind is LinkRows:
+                yield LinkRows([LinkRow(*row) for row in fields[0]])
+            else:
+                yield kind(*fields)

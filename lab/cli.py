@@ -1,0 +1,115 @@
+"""The command ``formnet``. Exit codes: 0 all claims hold, 1 one does not, 2 bad scenario or
+usage, 3 the run broke, 130 interrupted.
+
+Heavy modules are imported inside the commands, so that ``--help`` answers at once.
+"""
+
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+OVERRIDE = click.option(
+    "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
+    help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
+)  # fmt: skip
+RUN = click.option("--run", "run_name", required=True, metavar="ID", help="The run to take part in.")
+LEASH = click.option(
+    "--leash", is_flag=True, help="End when standard input ends (the launcher's way to stop)."
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="formnet", message="formnet %(version)s")
+def main() -> None:
+    """Formation control over imperfect networks: run it, break it, get a verdict."""
+
+
+@main.command()
+@SCENARIO
+@click.option("--out", type=click.Path(path_type=Path), help="Run folder  [default: runs/<name>-<time>]")
+@OVERRIDE
+@click.option("--inline", is_flag=True, help="Everything in one process, without Zenoh; same trajectories.")
+def run(scenario: Path, out: Path | None, overrides: tuple[str, ...], inline: bool) -> None:
+    """Run SCENARIO.toml and judge it.
+
+    Exit code 0: every claim in [expect] holds; 1: one does not; 2: bad scenario or usage;
+    3: the run itself broke; 130: interrupted.
+    """
+    from lab.run import run_scenario
+
+    sys.exit(run_scenario(scenario, overrides, out, inline=inline))
+
+
+@main.command()
+@SCENARIO
+@OVERRIDE
+def check(scenario: Path, overrides: tuple[str, ...]) -> None:
+    """Validate SCENARIO.toml and say what the theory makes of it."""
+    from lab.check import check_scenario
+
+    sys.exit(check_scenario(scenario, overrides))
+
+
+@main.command()
+def laws() -> None:
+    """List the control laws that law.kind can name."""
+    from agent.law import installed
+
+    for name, entry in installed().items():
+        source = f"  ({entry.dist.name} {entry.dist.version})" if entry.dist else ""
+        click.echo(f"{name:20} {entry.value}{source}")
+
+
+@main.command()
+@click.option("--robot", required=True, type=int, metavar="N", help="Which robot this is.")
+@click.option("--connect", required=True, metavar="ENDPOINT", help="The plant, e.g. tcp/127.0.0.1:7447.")
+@RUN
+@LEASH
+def agent(robot: int, connect: str, run_name: str, leash: bool) -> None:
+    """Be one robot of a run (formnet run starts these)."""
+    from agent.process import main as agent_main
+    from formation.bus import BusError
+
+    try:
+        sys.exit(agent_main(robot=robot, run=run_name, connect=connect, stop_at_end_of_input=leash))
+    except BusError as error:
+        _fail(3, str(error))
+
+
+@main.command()
+@SCENARIO
+@click.option("--listen", required=True, metavar="ENDPOINT", help="Where robots join, e.g. tcp/127.0.0.1:7447.")
+@click.option("--record", metavar="FILE", help="Write the record stream here; - for standard output.")
+@RUN
+@LEASH
+@OVERRIDE
+def plant(
+    scenario: Path, listen: str, record: str | None, run_name: str, leash: bool, overrides: tuple[str, ...]
+) -> None:
+    """Be the plant of a run of SCENARIO.toml (formnet run starts it)."""
+    from formation.bus import BusError
+    from formation.loading import ScenarioError, load
+    from plant.process import main as plant_main
+
+    try:
+        loaded = load(scenario, overrides)
+    except ScenarioError as error:
+        _fail(2, str(error))
+    try:
+        sys.exit(
+            plant_main(loaded, run=run_name, listen=listen, record=record, stop_at_end_of_input=leash)
+        )
+    except (BusError, OSError) as error:
+        _fail(3, str(error))
+
+
+def _fail(code: int, text: str) -> NoReturn:
+    click.echo(text, err=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

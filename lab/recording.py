@@ -1,0 +1,155 @@
+"""A run's folder and what is in it.
+
+``scenario.toml`` (fully resolved), ``events.jsonl`` (written as things happen),
+``states.parquet``, ``links.parquet``, ``verdict.json``, ``figures/``, ``logs/``.
+"""
+
+import hashlib
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from formation.loading import dumps
+from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
+from formation.scenario import Scenario
+
+STATES_SCHEMA = pa.schema(
+    [("t_ns", pa.int64()), ("robot", pa.int32())]
+    + [(name, pa.float64()) for name in Sample._fields[2:]]
+)
+LINKS_SCHEMA = pa.schema(
+    [
+        ("t_sent_ns", pa.int64()),
+        ("t_usable_ns", pa.int64()),
+        ("source", pa.int32()),
+        ("destination", pa.int32()),
+        ("sequence", pa.int64()),
+        ("fate", pa.dictionary(pa.int8(), pa.string())),
+    ]
+)
+
+
+class RunExists(FileExistsError):
+    """The folder for a new run is there already and not empty."""
+
+
+class Trajectories:
+    """All samples of a run as arrays, robots in the scenario's order.
+
+    ``t_s`` (n_samples,); ``states`` (n_samples, n_robots, 5) with columns x, y
+    (m), heading (rad), speed (m/s), turn rate (rad/s); ``torques_nm``
+    (n_samples, n_robots, 2), right and left, NaN at the kinematic level.
+    """
+
+    def __init__(self, samples: list[Sample], robots: int) -> None:
+        table = np.array(samples, dtype=np.float64).reshape(-1, robots, len(Sample._fields))
+        self.t_ns: NDArray[np.int64] = np.array(
+            [sample.t_ns for sample in samples[::robots]], dtype=np.int64
+        )
+        self.t_s = self.t_ns / 1e9
+        self.states = table[..., 2:7]
+        self.torques_nm = table[..., 7:9]
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        return self.states[..., :2]
+
+    @property
+    def headings_rad(self) -> NDArray[np.float64]:
+        return self.states[..., 2]
+
+
+def trajectory_sha256(samples: list[Sample]) -> str:
+    """SHA-256 over all samples: two runs agree if and only if every bit of every sample does.
+
+    The bytes are, per row and in order, t_ns and robot as little-endian int64
+    and the seven remaining columns as little-endian doubles (NaN for none), so
+    the hash can be computed from ``states.parquet`` by anyone.
+    """
+    rows = np.empty(
+        len(samples), dtype=[("t", "<i8"), ("robot", "<i8"), ("values", "<f8", (7,))]
+    )
+    if samples:
+        rows["t"] = [sample.t_ns for sample in samples]
+        rows["robot"] = [sample.robot for sample in samples]
+        rows["values"] = np.array([sample[2:] for sample in samples], dtype=np.float64)
+    return hashlib.sha256(rows.tobytes()).hexdigest()
+
+
+class Recording:
+    """Collects a run's records; a sink. Events go to disk at once, tables with :meth:`save`.
+
+    Raises:
+        RunExists: ``folder`` exists and is not empty.
+        OSError: ``folder`` cannot be made.
+    """
+
+    def __init__(self, folder: Path, scenario: Scenario) -> None:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise RunExists(f"{folder} exists already; a run is never overwritten")
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self.scenario = scenario
+        self.samples: list[Sample] = []
+        self.link_rows: list[LinkRow] = []
+        self.events: list[Event] = []
+        self.outcome: Outcome | None = None
+        (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
+        self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
+
+    def __call__(self, record: Record) -> None:
+        """Take one record."""
+        if isinstance(record, Samples):
+            self.samples.extend(record.rows)
+        elif isinstance(record, LinkRows):
+            self.link_rows.extend(record.rows)
+        elif isinstance(record, Event):
+            self.events.append(record)
+            self._write_event(record.kind, record.t_ns, record.details)
+        else:
+            self.outcome = record
+            self._write_event(
+                record.kind, record.t_ns, {"robot": record.robot, "reason": record.reason}
+            )
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """What was sampled so far."""
+        return Trajectories(self.samples, len(self.scenario.robots))
+
+    def latest(self) -> Trajectories:
+        """The newest sample of every robot alone (empty if there is none)."""
+        robots = len(self.scenario.robots)
+        return Trajectories(self.samples[-robots:], robots)
+
+    def save(self) -> None:
+        """Write the tables; every row recorded so far is kept."""
+        self._events.close()
+        columns = dict(zip(Sample._fields, zip(*self.samples, strict=True), strict=True))
+        pq.write_table(_table(columns, STATES_SCHEMA), self.folder / "states.parquet")
+        rows = sorted(self.link_rows, key=lambda row: (row[0], *row[2:5]))
+        columns = dict(zip(LinkRow._fields, zip(*rows, strict=True), strict=True))
+        pq.write_table(_table(columns, LINKS_SCHEMA), self.folder / "links.parquet")
+
+    def _write_event(self, kind: str, t_ns: int, details: dict[str, Any]) -> None:
+        line = {
+            "t_s": t_ns / 1e9,
+            "event": kind,
+            **details,
+            "wall": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        }
+        self._events.write(json.dumps(line) + "\n")
+        self._events.flush()
+
+
+def _table(columns: dict[str, Any], schema: pa.Schema) -> pa.Table:
+    return pa.table(
+        {name: pa.array(columns.get(name, ()), schema.field(name).type) for name in schema.names},
+        schema=schema,
+    )

@@ -1,0 +1,160 @@
+"""The verdict on a run: errors of Eqs. 3-5, when they settled, and whether each claim held."""
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formation.geometry import Errors, errors
+from formation.scenario import Expect, Scenario
+from formation.theory import CLAIMS, assess
+from lab.recording import Recording, Trajectories, trajectory_sha256
+
+
+def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
+    """The contents of ``verdict.json`` (numbers that are not finite become null).
+
+    A claim is judged over the last ``expect.window_s`` of the run: it is
+    observed if the error stays within its tolerance at every recorded instant
+    of that stretch, and holds if that is what was expected. A run that did not
+    complete observes nothing.
+    """
+    scenario, outcome = recording.scenario, recording.outcome
+    assert outcome is not None
+    trajectories = recording.trajectories
+    found = error_series(scenario, trajectories)
+    expect = scenario.expect or Expect()
+    tolerances = tolerances_of(expect)
+    completed = outcome.kind == "completed"
+    window = trajectories.t_s >= outcome.t_ns / 1e9 - window_s(scenario)
+    claims = {}
+    for claim, series in by_claim(found).items():
+        expected = getattr(expect, claim)
+        within = bool(completed and np.all(series[window] <= tolerances[claim]))
+        observed = within if completed or outcome.kind == "diverged" else None
+        claims[claim] = {
+            "expected": expected,
+            "observed": observed,
+            "holds": None if expected is None or observed is None else observed == expected,
+            "tolerance": tolerances[claim],
+            "largest_in_window": _number(series[window].max()) if window.any() else None,
+        }
+    asked = [claim for claim in CLAIMS if getattr(expect, claim)] or list(CLAIMS)
+    assessment = assess(scenario)
+    simulated_s = outcome.t_ns / 1e9
+    return {
+        "scenario": scenario.name,
+        "mode": mode,
+        "seed": scenario.seed,
+        "outcome": {
+            "kind": outcome.kind, "t_s": simulated_s,
+            "robot": outcome.robot, "reason": outcome.reason,
+        },
+        "theorem": assessment.theorem,
+        "why": assessment.why,
+        "formation_error_m": _last(found.formation_m),
+        "heading_error_rad": _last(found.heading_rad),
+        "centroid_error_m": _last(found.centroid_m),
+        "window_s": window_s(scenario),
+        "settling_time_s": settling_time(
+            trajectories.t_s, {c: s for c, s in by_claim(found).items() if c in asked}, tolerances
+        ) if completed else None,
+        "claims": claims,
+        "trajectory_sha256": trajectory_sha256(recording.samples),
+        "messages": _messages(recording),
+        "simulated_s": simulated_s,
+        "wall_s": wall_s,
+        "realtime_factor": simulated_s / wall_s if wall_s > 0 else None,
+        "versions": versions(),
+    }  # fmt: skip
+
+
+def passed(verdict: Mapping[str, Any]) -> bool:
+    """Whether every claim that ``[expect]`` makes holds."""
+    return all(claim["holds"] is not False for claim in verdict["claims"].values())
+
+
+def error_series(scenario: Scenario, trajectories: Trajectories) -> Errors:
+    """The three errors at every recorded instant, each (n_samples,)."""
+    if not len(trajectories.t_s):
+        empty = np.zeros(0)
+        return Errors(empty, empty, empty)
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
+        return errors(trajectories.positions_m, trajectories.headings_rad, scenario.offsets_m)
+
+
+def by_claim(found: Errors) -> dict[str, NDArray[np.float64]]:
+    """The errors under the names of the claims they decide."""
+    return dict(zip(CLAIMS, found, strict=True))
+
+
+def tolerances_of(expect: Expect) -> dict[str, float]:
+    """Each claim's tolerance, in the unit of its error."""
+    return {
+        "formation": expect.formation_tolerance_m,
+        "heading": expect.heading_tolerance_rad,
+        "centroid": expect.centroid_tolerance_m,
+    }
+
+
+def window_s(scenario: Scenario) -> float:
+    """How long before the end the claims must hold (see ``scenario.Expect``)."""
+    if scenario.expect is not None and scenario.expect.window_s is not None:
+        return scenario.expect.window_s
+    return max(0.1 * scenario.duration_s, scenario.clock.broadcast_period_s)
+
+
+def settling_time(
+    t_s: NDArray[np.float64],
+    series: Mapping[str, NDArray[np.float64]],
+    tolerances: Mapping[str, float],
+) -> float | None:
+    """When every error in ``series`` entered its tolerance for good; None if one did not."""
+    outside = np.zeros(len(t_s), dtype=bool)
+    for claim, values in series.items():
+        outside |= ~(values <= tolerances[claim])
+    if not len(t_s) or outside[-1]:
+        return None
+    last_outside = np.flatnonzero(outside)
+    return float(t_s[last_outside[-1] + 1]) if len(last_outside) else float(t_s[0])
+
+
+def versions() -> dict[str, str]:
+    """What produced a run."""
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for package in ("formnet", "eclipse-zenoh", "numpy", "msgpack"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # run from a checkout that is not installed
+            found[package] = "unknown"
+    return found
+
+
+def _messages(recording: Recording) -> dict[str, Any]:
+    fates: dict[str, int] = {}
+    for row in recording.link_rows:
+        fates[row.fate] = fates.get(row.fate, 0) + 1
+    rejected: dict[tuple[Any, Any, str], int] = {}
+    for event in recording.events:
+        if event.kind == "rejected":
+            details = event.details
+            rejected[details["robot"], details["source"], details["reason"]] = details["count"]
+    return {
+        "sent": len(recording.link_rows),
+        "fates": dict(sorted(fates.items())),
+        "rejected": [
+            {"robot": robot, "source": source, "reason": reason, "count": count}
+            for (robot, source, reason), count in rejected.items()
+        ],
+    }
+
+
+def _last(series: NDArray[np.float64]) -> float | None:
+    return _number(series[-1]) if len(series) else None
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

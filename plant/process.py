@@ -1,0 +1,298 @@
+"""The plant's process: a thin shell around :class:`plant.world.World`.
+
+Drives arrive on one Zenoh thread, which integrates, and sends the next senses
+when a tick is complete; the main thread does the handshake, the record stream,
+and everything that goes wrong.
+"""
+
+import os
+import queue
+import sys
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import IO, Any
+
+import zenoh
+
+from formation import bus
+from formation.loading import dumps
+from formation.messages import (
+    PROTOCOL,
+    Brief,
+    Drive,
+    End,
+    Failed,
+    Join,
+    Links,
+    Message,
+    Ready,
+    Rejected,
+    Waiting,
+    encode,
+)
+from formation.process import on_stop
+from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Samples, Sink, writer
+from formation.scenario import Scenario
+from plant.world import World
+
+PATIENCE_S = 1.0
+"""How long to wait before saying for whom."""
+FAREWELL_S = 1.0
+"""How long robots have to hand in their last reports."""
+_FLUSH_TICKS = 100
+
+
+class _Lost(Exception):
+    """Ends the run; carries the outcome."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        self.outcome = outcome
+
+
+class PlantProcess:
+    """Hosts run ``run`` of ``scenario`` on ``session`` and reports to ``sink``."""
+
+    def __init__(self, session: zenoh.Session, scenario: Scenario, run: str, sink: Sink) -> None:
+        self._scenario = scenario
+        self._sink = sink
+        self._world = World(scenario)
+        self._inbox: queue.SimpleQueue[Message | Record] = queue.SimpleQueue()
+        self._lost: set[int] = set()
+        self._lock = threading.Lock()  # guards the world and what follows
+        self._running = False
+        self._refused: Counter[tuple[int, str]] = Counter()
+        keys = bus.Keys(run)
+        self._to_robots = {
+            robot: bus.publisher(session, keys.to_robot(robot)) for robot in scenario.ids
+        }
+        self._subscriptions: list[Any] = [
+            session.liveliness().declare_token(keys.plant_alive),
+            session.liveliness().declare_subscriber(
+                keys.robots_alive, self._on_robot_liveliness, history=True
+            ),
+            bus.on_message(session, keys.from_robots, self._from_robot, self._refuse),
+        ]
+
+    def stop(self) -> None:
+        """End the run soon, keeping what was recorded."""
+        self._inbox.put(self._outcome("interrupted", None, "stopped by the user"))
+
+    def run(self) -> Outcome:
+        """Host the run from the handshake to the last report."""
+        try:
+            self._gather()
+            self._sink(Event("started", 0, {"robots": self._scenario.ids}))
+            self._running = True
+            self._sense()
+            self._attend()
+        except _Lost as end:
+            outcome = end.outcome
+        with self._lock:
+            self._running = False
+        self._farewell(outcome)
+        self._sink(Samples(self._world.take_samples()))
+        self._sink(outcome)
+        return outcome
+
+    # --- the main thread -----------------------------------------------------------
+
+    def _gather(self) -> None:
+        """Brief every robot and wait until all of them hear their neighbours."""
+        brief = Brief(dumps(self._scenario))
+        joined: set[int] = set()
+        ready: set[int] = set()
+        everyone = set(self._scenario.ids)
+        while ready != everyone:
+            try:
+                message = self._inbox.get(timeout=PATIENCE_S)
+            except queue.Empty:
+                self._complain("join", sorted(everyone - joined) or sorted(everyone - ready), {})
+                continue
+            if isinstance(message, Join) and message.robot in everyone:
+                if message.protocol != PROTOCOL:
+                    raise _Lost(self._outcome(
+                        "failed", message.robot,
+                        f"speaks protocol {message.protocol}, the plant {PROTOCOL}: install the "
+                        "same version of formnet everywhere",
+                    ))  # fmt: skip
+                if message.robot not in joined:
+                    joined.add(message.robot)
+                    self._tell(message.robot, brief)
+            elif isinstance(message, Ready):
+                ready.add(message.robot)
+            else:
+                self._handle(message)
+
+    def _attend(self) -> None:
+        """Record what comes in until the run ends (by raising); complain while nothing moves."""
+        reported: dict[int, list[int]] = {}
+        last, deadline = -1, time.monotonic() + PATIENCE_S
+        while True:
+            with suppress(queue.Empty):
+                message = self._inbox.get(timeout=max(0.0, deadline - time.monotonic()))
+                if isinstance(message, Waiting):
+                    reported[message.robot] = message.neighbours
+                else:
+                    self._handle(message)
+            if time.monotonic() >= deadline:
+                if self._world.tick == last:
+                    self._complain("answer", self._world.awaited(), reported)
+                reported = {}
+                last, deadline = self._world.tick, time.monotonic() + PATIENCE_S
+
+    def _complain(self, what: str, awaited: list[int], reported: dict[int, list[int]]) -> None:
+        """Say on whom the run waits: not on those who wait for somebody themselves."""
+        blocked = {robot: others for robot, others in reported.items() if robot in awaited}
+        culprits = [robot for robot in awaited if robot not in blocked] or awaited
+        self._sink(
+            Event("waiting", self._world.t_ns, {"for": what, "robots": culprits})
+        )
+
+    def _handle(self, message: Message | Record) -> None:
+        """Anything but the hot path. Raises _Lost when it ends the run."""
+        if isinstance(message, Outcome):
+            raise _Lost(message)
+        if isinstance(message, Samples | Event):
+            self._sink(message)
+        elif isinstance(message, Links):
+            self._sink(LinkRows([LinkRow(*row) for row in message.rows]))
+        elif isinstance(message, Rejected):
+            self._sink(
+                Event(
+                    "rejected",
+                    self._world.t_ns,
+                    {
+                        "robot": message.robot,
+                        "source": message.source,
+                        "reason": message.reason,
+                        "count": message.count,
+                    },
+                )
+            )
+        elif isinstance(message, Failed):
+            raise _Lost(self._outcome("failed", message.robot, message.error))
+
+    def _farewell(self, outcome: Outcome) -> None:
+        """Tell every robot that it is over, and take their last reports."""
+        leaving = set(self._scenario.ids) - self._lost
+        if outcome.kind == "failed" and outcome.robot is not None:
+            leaving.discard(outcome.robot)
+        for robot in leaving:
+            self._tell(robot, End(robot, outcome.kind))
+        while leaving:
+            try:
+                message = self._inbox.get(timeout=FAREWELL_S)
+            except queue.Empty:
+                self._sink(Event("silent at the end", self._world.t_ns, {"robots": sorted(leaving)}))
+                return
+            if isinstance(message, End):
+                leaving.discard(message.robot)
+            with suppress(_Lost):
+                self._handle(message)
+            leaving -= self._lost
+
+    def _tell(self, robot: int, message: Message) -> None:
+        self._to_robots[robot].put(encode(message))
+
+    def _outcome(self, kind: str, robot: int | None, reason: str) -> Outcome:
+        return Outcome(kind, self._world.t_ns, robot, reason)
+
+    # --- Zenoh's threads -------------------------------------------------------------
+
+    def _from_robot(self, robot: int, message: Message) -> None:
+        if type(message) is not Drive:
+            if getattr(message, "robot", robot) == robot:
+                self._inbox.put(message)
+            else:
+                self._refuse(robot, f"claims to be robot {getattr(message, 'robot', None)}")
+            return
+        with self._lock:
+            if self._running:
+                self._on_drive(robot, message)
+
+    def _on_drive(self, robot: int, message: Drive) -> None:
+        try:
+            if message.robot != robot:
+                raise ValueError(f"claims to be robot {message.robot}")
+            complete = self._world.on_drive(message)
+        except ValueError as error:
+            self._refuse(robot, str(error))
+            return
+        except Exception as error:  # our own mistake: it must not hang the run
+            traceback.print_exc()
+            self._inbox.put(self._outcome("broken", robot, f"{type(error).__name__}: {error}"))
+            return
+        if self._world.finished:
+            self._running = False
+            diverged = self._world.diverged
+            self._inbox.put(
+                self._outcome("completed", None, "")
+                if diverged is None
+                else self._outcome("diverged", diverged.robot, diverged.what)
+            )
+        elif complete:
+            self._sense()
+            if self._world.tick % _FLUSH_TICKS == 0:
+                self._inbox.put(Samples(self._world.take_samples()))
+
+    def _sense(self) -> None:
+        for robot, sense in self._world.senses():
+            self._tell(robot, sense)
+
+    def _refuse(self, robot: int, reason: str) -> None:
+        """Count a bad message; report it at the first and then at every doubling."""
+        self._refused[robot, reason] += 1
+        count = self._refused[robot, reason]
+        if count & (count - 1) == 0:
+            details = {"robot": "plant", "source": robot, "reason": reason, "count": count}
+            self._inbox.put(Event("rejected", self._world.t_ns, details))
+
+    def _on_robot_liveliness(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            robot = bus.last_number(sample.key_expr)
+            self._lost.add(robot)
+            self._inbox.put(self._outcome("lost", robot, "its process is gone"))
+
+
+def main(
+    scenario: Scenario, *, run: str, listen: str, record: str | None, stop_at_end_of_input: bool
+) -> int:
+    """Host a run; returns 0, or 3 if the run did not end by itself.
+
+    ``record`` is the file for the record stream, ``-`` for standard output;
+    without it, only what happens is told, on standard error.
+
+    Raises:
+        BusError: ``listen`` cannot be used.
+        OSError: ``record`` exists already or cannot be written.
+    """
+    with _sink(record) as sink, bus.session(listen=listen) as session:
+        plant = PlantProcess(session, scenario, run, sink)
+        on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
+        outcome = plant.run()
+    return 0 if outcome.kind in ("completed", "diverged") else 3
+
+
+@contextmanager
+def _sink(record: str | None) -> Iterator[Sink]:
+    if record is None:
+        yield _tell
+        return
+    if record == "-":  # the real standard output; stray prints go to standard error
+        stream: IO[bytes] = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    else:
+        stream = open(record, "xb")  # noqa: SIM115
+    with stream:
+        yield writer(stream)
+
+
+def _tell(record: Record) -> None:
+    if isinstance(record, Event):
+        print(f"t = {record.t_ns / 1e9:.3f} s: {record.kind} {record.details}", file=sys.stderr)
+    elif isinstance(record, Outcome):
+        print(f"t = {record.t_ns / 1e9:.3f} s: {record.kind} {record.reason}", file=sys.stderr)
