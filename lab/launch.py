@@ -15,15 +15,21 @@ from contextlib import suppress
 from pathlib import Path
 
 from formation.bus import LOOPBACK
-from formation.record import Event, Outcome, Record, Sink, read
+from formation.record import Outcome, Samples, Sink, read
 from formation.scenario import Scenario
 
 GRACE_S = 1.5
 """How long children have to end by themselves before they are killed."""
 
+Child = subprocess.Popen[bytes]
+
 
 class Launch:
-    """Spawns the processes of one run and passes the plant's records to ``sink``."""
+    """The processes of one run; the plant's records go to ``sink`` on a thread of its own.
+
+    ``scenario_file`` is what the plant reads, ``name`` the run's id on the bus,
+    ``logs`` where each child's standard error goes.
+    """
 
     def __init__(
         self, scenario_file: Path, scenario: Scenario, name: str, sink: Sink, logs: Path
@@ -31,17 +37,19 @@ class Launch:
         self._sink = sink
         self._logs = logs
         self._outcome: Outcome | None = None
-        self._last_t_ns = 0
-        self._stopping = False
+        self._blame: Outcome | None = None  # what the launcher saw and the plant cannot
+        self._t_ns = 0
+        self._kill_at: float | None = None  # set once the run is being stopped
         logs.mkdir(parents=True, exist_ok=True)
         endpoint = f"tcp/{LOOPBACK}:{_free_port()}"
         common = ["--run", name, "--leash"]
         self.plant = self._spawn(
-            "plant", [str(scenario_file), "--listen", endpoint, "--record", "-", *common]
+            "plant", ["plant", str(scenario_file), "--listen", endpoint, "--record", "-", *common]
         )
         self.robots = {
             robot: self._spawn(
-                "agent", ["--robot", str(robot), "--connect", endpoint, *common], f"robot-{robot}"
+                f"robot-{robot}",
+                ["agent", "--robot", str(robot), "--connect", endpoint, *common],
             )
             for robot in scenario.ids
         }
@@ -51,76 +59,70 @@ class Launch:
     def wait(self, stopped: Callable[[], bool], tick: Callable[[], None]) -> Outcome:
         """Until the run has ended one way or another; ``tick`` is called about ten times a second.
 
-        When it returns, no child is left and every record has gone to the sink.
+        Once ``stopped`` says so, the run is ended in order within GRACE_S, or
+        else by force. On return no child is left and every record has gone to
+        the sink.
         """
+        dead_since: float | None = None
         try:
             while self._reader.is_alive():
                 self._reader.join(0.1)
-                if stopped():
+                now = time.monotonic()
+                if self._kill_at is not None:
+                    if now > self._kill_at:
+                        self.plant.kill()
+                elif stopped():
                     self._stop()
-                else:
-                    self._notice_early_deaths()
+                elif dead_since is None:
+                    dead_since = now if self._dead_robots() else None
+                elif now - dead_since > GRACE_S and self._outcome is None:
+                    # The plant notices the death of a robot that has joined; this one had not.
+                    self._blame = self._failure(self._dead_robots()[0])
+                    self._stop()
                 tick()
         finally:
             self._end_children()
         self._reader.join()
-        if self._outcome is None:
-            self._outcome = Outcome("broken", self._last_t_ns, None, self._why_broken())
+        if self._outcome is None or self._outcome.kind == "broken":
+            code = self.plant.returncode
+            how = f"was killed by signal {-code}" if code < 0 else f"exited with code {code}"
+            reason = f"the plant {how}{self._last_words('plant')}"
+            self._outcome = Outcome("broken", self._t_ns, None, reason)
             self._sink(self._outcome)
         return self._outcome
 
     def _read(self) -> None:
         assert self.plant.stdout is not None
-        for record in read(self.plant.stdout):  # type: ignore[arg-type]
-            self._take(record)
-
-    def _take(self, record: Record) -> None:
-        if isinstance(record, Outcome):
-            self._outcome = record
-        elif isinstance(record, Event):
-            self._last_t_ns = record.t_ns
-        self._sink(record)
+        for record in read(self.plant.stdout):
+            if isinstance(record, Outcome):
+                record = self._outcome = self._blame or record
+            elif isinstance(record, Samples) and record.rows:
+                self._t_ns = record.rows[-1].t_ns
+            self._sink(record)
 
     def _stop(self) -> None:
-        """Let go of the plant's leash: it tells the robots, reports and ends. Then force."""
-        if not self._stopping:
-            self._stopping = True
-            self._kill_at = time.monotonic() + GRACE_S
-            _release(self.plant)
-        elif time.monotonic() > self._kill_at:
-            self.plant.kill()
+        """Let go of the plant's leash: it tells the robots, reports and ends."""
+        self._kill_at = time.monotonic() + 0.7 * GRACE_S
+        _release(self.plant)
 
-    def _notice_early_deaths(self) -> None:
-        """A robot that died before the plant knew it is nobody's loss but ours to notice."""
-        dead = [robot for robot, child in self.robots.items() if child.poll() not in (None, 0)]
-        if dead and not self._stopping and self.plant.poll() is None:
-            now = time.monotonic()
-            if not hasattr(self, "_dead_since"):
-                self._dead_since = now
-            elif now - self._dead_since > GRACE_S and self._outcome is None:
-                self._stop()
+    def _dead_robots(self) -> list[int]:
+        return [robot for robot, child in self.robots.items() if child.poll() not in (None, 0)]
 
-    def _why_broken(self) -> str:
-        for robot, child in self.robots.items():
-            if child.returncode not in (0, None) and not self._killed(child):
-                return f"robot {robot} exited with code {child.returncode}: {self._log_end(f'robot-{robot}')}"
-        code = self.plant.returncode
-        how = f"was killed by signal {-code}" if code is not None and code < 0 else f"exited with code {code}"
-        return f"the plant {how}: {self._log_end('plant')}"
+    def _failure(self, robot: int) -> Outcome:
+        code = self.robots[robot].returncode
+        words = self._last_words(f"robot-{robot}")
+        return Outcome("failed", self._t_ns, robot, f"exited with code {code}{words}")
 
-    def _killed(self, child: "subprocess.Popen[bytes]") -> bool:
-        return child.returncode is not None and child.returncode < 0
-
-    def _log_end(self, name: str) -> str:
-        path = self._logs / f"{name}.log"
-        lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"nothing in {path}"
+    def _last_words(self, name: str) -> str:
+        text = (self._logs / f"{name}.log").read_text(encoding="utf-8", errors="replace")
+        lines = text.strip().splitlines()
+        return f": {lines[-1]}" if lines else ""
 
     def _end_children(self) -> None:
         children = [self.plant, *self.robots.values()]
         for child in children:
             _release(child)
-        deadline = time.monotonic() + GRACE_S
+        deadline = self._kill_at or time.monotonic() + GRACE_S
         for child in children:
             try:
                 child.wait(max(0.0, deadline - time.monotonic()))
@@ -128,18 +130,18 @@ class Launch:
                 child.kill()
                 child.wait()
 
-    def _spawn(self, command: str, arguments: list[str], log: str = "plant") -> "subprocess.Popen[bytes]":
-        with (self._logs / f"{log}.log").open("wb") as errors:
+    def _spawn(self, name: str, arguments: list[str]) -> Child:
+        with (self._logs / f"{name}.log").open("wb") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "lab.cli", command, *arguments],
+                [sys.executable, "-m", "lab.cli", *arguments],
                 stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE if command == "plant" else errors,
-                stderr=errors,
-                start_new_session=True,  # Ctrl-C reaches this process alone, which ends the others in order
+                stdout=subprocess.PIPE if name == "plant" else log,
+                stderr=log,
+                start_new_session=True,  # Ctrl-C reaches the launcher alone; it ends the others
             )
 
 
-def _release(child: "subprocess.Popen[bytes]") -> None:
+def _release(child: Child) -> None:
     if child.stdin is not None:
         with suppress(OSError):
             child.stdin.close()

@@ -41,7 +41,7 @@ from plant.world import World
 
 PATIENCE_S = 1.0
 """How long to wait before saying for whom."""
-FAREWELL_S = 1.0
+FAREWELL_S = 0.5
 """How long robots have to hand in their last reports."""
 _FLUSH_TICKS = 100
 

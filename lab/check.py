@@ -1,0 +1,44 @@
+"""``formnet check``: is a scenario valid, and what does the theory make of it?"""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from formation.loading import ScenarioError
+from formation.theory import Assessment, assess
+from lab.run import ALL_HOLD, BAD_INPUT, load_checked, report_problems
+
+
+def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
+    """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
+    try:
+        scenario = load_checked(path, overrides)
+    except ScenarioError as error:
+        report_problems(Console(stderr=True), error)
+        return BAD_INPUT
+    assessment = assess(scenario)
+    console = Console(highlight=False)
+    console.print(f"{escape(str(path))}: valid", soft_wrap=True)
+    for line in describe(assessment):
+        console.print(escape(line), soft_wrap=True)
+    for warning in assessment.warnings:
+        console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+    return ALL_HOLD
+
+
+def describe(assessment: Assessment) -> list[str]:
+    """The assessment in lines for people."""
+    margin = assessment.cross_term_margin
+    relation = ">" if margin > 0.25 else "not >"
+    return [
+        f"  algebraic connectivity λ₂(L)  {assessment.algebraic_connectivity:.4g}",
+        f"  λ_min(L + diag μ)             {assessment.smallest_eigenvalue:.4g}",
+        f"  β λ_min > 1/4                 {margin:.4g} {relation} 0.25",
+        f"  {assessment.why}",
+        "  claims: "
+        + (
+            ", ".join(f"{claim} {'yes' if value else 'no'}" for claim, value in assessment.claims.items())
+            or "none"
+        ),
+    ]

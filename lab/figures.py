@@ -1,0 +1,156 @@
+"""Figures of a run: paths (Figs. 2, 4, 6 of the paper), headings (Figs. 5, 7), errors, graph."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from formation.scenario import Expect, Scenario
+from lab.recording import Recording, Trajectories
+from lab.verdict import by_claim, error_series, tolerances_of, window_s
+
+# Okabe and Ito's palette: told apart with any kind of colour vision.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
+_LABELS = {
+    "formation": "formation, Eq. 3 (m)", "heading": "heading, Eq. 4 (rad)",
+    "centroid": "centroid, Eq. 5 (m)",
+}  # fmt: skip
+
+
+def draw(recording: Recording, folder: Path) -> None:
+    """Write every figure as PNG and SVG into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    scenario, trajectories = recording.scenario, recording.trajectories
+    figures = {"graph": graph(scenario)}
+    if len(trajectories.t_s):
+        figures |= {
+            "paths": paths(scenario, trajectories),
+            "headings": headings(scenario, trajectories),
+            "errors": errors(scenario, trajectories),
+        }
+    for name, figure in figures.items():
+        for kind in ("png", "svg"):
+            figure.savefig(folder / f"{name}.{kind}", dpi=130)
+
+
+def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
+    """The whole paths, and the last tenth of the run beside the desired pattern."""
+    figure = _figure(11.0, 5.2)
+    whole, end = figure.subplots(1, 2)
+    positions, offsets = trajectories.positions_m, scenario.offsets_m
+    for i, robot in enumerate(scenario.ids):
+        colour = COLOURS[i % len(COLOURS)]
+        xy = _finite(positions[:, i])
+        whole.plot(xy[:, 0], xy[:, 1], color=colour, lw=1.0, label=f"robot {robot}")
+        whole.plot(*xy[0], "o", color=colour, mfc="white", ms=6)
+        whole.plot(*xy[-1], "o", color=colour, ms=5)
+    whole.set_title("paths  (○ start, ● end)")
+    whole.legend(loc="best", fontsize=8)
+    order = _around(offsets)
+    _polygon(end, offsets[order], 6.0, "0.82", "desired pattern")
+    final = _finite(positions.reshape(len(positions), -1))[-1].reshape(-1, 2)
+    _polygon(end, final[order], 1.2, "0.15", "final positions")
+    for i, robot in enumerate(scenario.ids):
+        heading = trajectories.headings_rad[-1, i]
+        colour = COLOURS[i % len(COLOURS)]
+        end.plot(*final[i], "o", color=colour, ms=7)
+        end.annotate(str(robot), final[i], xytext=(6, 6), textcoords="offset points")
+        if np.isfinite(heading):
+            end.quiver(*final[i], np.cos(heading), np.sin(heading), color=colour,
+                       width=0.006, scale=14)  # fmt: skip
+    end.margins(0.18)
+    end.set_title(f"t = {trajectories.t_s[-1]:g} s")
+    end.legend(loc="best", fontsize=8)
+    for axes in (whole, end):
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x (m)")
+        axes.set_ylabel("y (m)")
+    return figure
+
+
+def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
+    """Headings over time, and their gap to the first robot's, where agreement shows."""
+    figure = _figure(9.0, 5.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    reference = trajectories.headings_rad[:, 0]
+    for i, robot in enumerate(scenario.ids):
+        colour = COLOURS[i % len(COLOURS)]
+        heading = trajectories.headings_rad[:, i]
+        upper.plot(trajectories.t_s, heading, color=colour, lw=1.2, label=f"robot {robot}")
+        lower.plot(trajectories.t_s, heading - reference, color=colour, lw=1.2)
+    upper.set_ylabel("heading θ (rad)")
+    lower.set_ylabel(f"θ − θ of robot {scenario.ids[0]} (rad)")
+    lower.set_xlabel("t (s)")
+    upper.legend(loc="best", fontsize=8, ncols=2)
+    return figure
+
+
+def errors(scenario: Scenario, trajectories: Trajectories) -> Figure:
+    """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged."""
+    figure = _figure(9.0, 4.6)
+    axes = figure.subplots()
+    tolerances = tolerances_of(scenario.expect or Expect())
+    for (claim, series), colour in zip(
+        by_claim(error_series(scenario, trajectories)).items(), COLOURS, strict=False
+    ):
+        axes.semilogy(trajectories.t_s, np.maximum(series, 1e-16), color=colour, label=_LABELS[claim])
+        axes.axhline(tolerances[claim], color=colour, ls=":", lw=1.0)
+    end = trajectories.t_s[-1]
+    axes.axvspan(max(0.0, end - window_s(scenario)), end, color="0.9", zorder=0, label="judged")
+    axes.set_xlabel("t (s)")
+    axes.set_ylabel("error  (dotted: tolerance)")
+    axes.set_xlim(0.0, end or 1.0)
+    axes.legend(loc="upper right", fontsize=8)
+    return figure
+
+
+def graph(scenario: Scenario) -> Figure:
+    """The communication graph, robots at their places in the pattern; damped robots marked."""
+    figure = _figure(5.2, 5.2)
+    axes = figure.subplots()
+    offsets = dict(zip(scenario.ids, scenario.offsets_m, strict=True))
+    for edge, weight in scenario.formation.weights.items():
+        ends = np.array([offsets[robot] for robot in edge])
+        axes.plot(ends[:, 0], ends[:, 1], color="0.6", lw=1.5, zorder=1)
+        axes.annotate(f"{weight:g}", ends.mean(axis=0), fontsize=8, color="0.35",
+                      ha="center", va="center", bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
+    for i, (robot, offset) in enumerate(offsets.items()):
+        damping = scenario.vehicles[robot].damping
+        axes.plot(*offset, "o", ms=22, color=COLOURS[i % len(COLOURS)],
+                  mec="black" if damping > 0 else "none", mew=2.0, zorder=2)  # fmt: skip
+        axes.annotate(str(robot), offset, color="white", ha="center", va="center", zorder=3)
+        if damping > 0:
+            axes.annotate(f"μ = {damping:g}", offset, xytext=(0, -24), textcoords="offset points",
+                          ha="center", fontsize=8)  # fmt: skip
+    axes.margins(0.2)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title("communication graph, b on the edges")
+    axes.set_xlabel("p_x (m)")
+    axes.set_ylabel("p_y (m)")
+    return figure
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The leading rows that are finite; at least the first (a run starts finite)."""
+    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    return rows[: bad[0]] if len(bad) and bad[0] > 0 else rows[: max(1, len(rows))]
+
+
+def _around(points: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Indices that go once around the points' mean, and back to the first."""
+    centred = points - points.mean(axis=0)
+    order = np.argsort(np.arctan2(centred[:, 1], centred[:, 0]))
+    return np.append(order, order[:1])
+
+
+def _polygon(axes: Axes, points: NDArray[np.float64], width: float, colour: str, label: str) -> None:
+    axes.plot(points[:, 0], points[:, 1], color=colour, lw=width, label=label, zorder=0)

@@ -1,0 +1,240 @@
+"""``formnet run``: load, launch, watch, judge, draw."""
+
+import json
+import secrets
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from agent.law import accepts
+from formation.loading import ScenarioError, load
+from formation.record import Event, Outcome, Record
+from formation.scenario import Scenario
+from formation.theory import assess
+from lab import figures, inline, verdict
+from lab.launch import Launch
+from lab.recording import Recording, RunExists
+
+ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
+
+CLAIM_TITLES = {
+    "formation": ("formation", "Eq. 3", "m"),
+    "heading": ("heading", "Eq. 4", "rad"),
+    "centroid": ("centroid", "Eq. 5", "m"),
+}
+
+
+def run_scenario(
+    path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool
+) -> int:
+    """Run a scenario file into a run folder; returns the exit code of ``formnet run``."""
+    console = Console(stderr=True)
+    try:
+        scenario = load_checked(path, overrides)
+    except ScenarioError as error:
+        report_problems(console, error)
+        return BAD_INPUT
+    for warning in assess(scenario).warnings:
+        console.print(f"[yellow]warning:[/] {escape(warning)}")
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = out or Path("runs") / f"{scenario.name}-{stamp}"
+    try:
+        recording = Recording(folder, scenario)
+    except (RunExists, OSError) as error:
+        console.print(f"[red]--out:[/] {escape(str(error))}")
+        return BAD_INPUT
+    with _stop_signals() as stopped:
+        watch = _Watch(console, recording)
+        with watch:
+            outcome = _execute(recording, f"{scenario.name}-{stamp}-{secrets.token_hex(3)}",
+                               watch, stopped, inline=inline)  # fmt: skip
+    return _conclude(console, recording, outcome, watch.wall_s, "inline" if inline else "distributed")
+
+
+def load_checked(path: Path, overrides: tuple[str, ...]) -> Scenario:
+    """Load a scenario and see that its law can be had.
+
+    Raises:
+        ScenarioError: with every problem found.
+    """
+    scenario = load(path, overrides)
+    problem = accepts(scenario)
+    if problem is not None:
+        from formation.loading import Problem
+
+        raise ScenarioError(str(path), [Problem("law.kind", repr(scenario.law.kind), problem)])
+    return scenario
+
+
+def report_problems(console: Console, error: ScenarioError) -> None:
+    """Print every problem of a scenario, one a line: file, key, value, rule."""
+    for problem in error.problems:
+        console.print(f"[red]{escape(error.file)}:[/] {escape(str(problem))}", soft_wrap=True)
+
+
+def _execute(
+    recording: Recording, name: str, watch: "_Watch", stopped: threading.Event, *, inline: bool
+) -> Outcome:
+    if inline:
+        return _inline(recording, name, watch, stopped)
+    launch = Launch(
+        recording.folder / "scenario.toml", recording.scenario, name, watch.take,
+        recording.folder / "logs",
+    )  # fmt: skip
+    return launch.wait(stopped.is_set, watch.refresh)
+
+
+def _inline(recording: Recording, name: str, watch: "_Watch", stopped: threading.Event) -> Outcome:
+    def asked() -> bool:
+        watch.refresh()
+        return stopped.is_set()
+
+    return inline.run(recording.scenario, name, watch.take, asked)
+
+
+def _conclude(
+    console: Console, recording: Recording, outcome: Outcome, wall_s: float, mode: str
+) -> int:
+    """Save, judge, draw and print; returns the exit code."""
+    recording.save()
+    judged = verdict.of(recording, mode=mode, wall_s=wall_s)
+    text = json.dumps(judged, indent=2, allow_nan=False, ensure_ascii=False)
+    (recording.folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
+    figures.draw(recording, recording.folder / "figures")
+    Console().print(_table(judged))
+    _summarise(console, recording, judged)
+    if outcome.kind == "interrupted":
+        return INTERRUPTED
+    if outcome.kind not in ("completed", "diverged"):
+        return BROKEN
+    return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
+
+
+def _table(judged: dict[str, Any]) -> Table:
+    table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left")
+    for column in ("claim", "equation", "expected", "observed", "largest error at the end",
+                   "tolerance", "verdict"):  # fmt: skip
+        table.add_column(column, justify="left" if column in ("claim", "equation") else "right")
+    marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
+    words = {True: "yes", False: "no", None: "-"}
+    for claim, entry in judged["claims"].items():
+        title, equation, unit = CLAIM_TITLES[claim]
+        largest = entry["largest_in_window"]
+        table.add_row(
+            title, equation, words[entry["expected"]], words[entry["observed"]],
+            "-" if largest is None else f"{largest:.3g} {unit}",
+            f"{entry['tolerance']:g} {unit}", marks[entry["holds"]],
+        )  # fmt: skip
+    return table
+
+
+def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -> None:
+    outcome = judged["outcome"]
+    if outcome["kind"] != "completed":
+        who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
+        console.print(
+            f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} {escape(outcome['reason'])}"
+        )
+    for item in judged["messages"]["rejected"]:
+        console.print(
+            f"[yellow]rejected:[/] robot {item['robot']} refused {item['count']} message(s) "
+            f"from {item['source']}: {escape(item['reason'])}"
+        )
+    settled = judged["settling_time_s"]
+    factor = judged["realtime_factor"] or 0.0
+    console.print(
+        ("" if settled is None else f"settled after {settled:.2f} s; ")
+        + f"simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
+        + f"({factor:.2g} × real time); sha256 {judged['trajectory_sha256'][:16]}…"
+    )
+    console.print(f"everything is in {escape(str(recording.folder))}", soft_wrap=True)
+
+
+class _Watch:
+    """Shows a run while it goes on: progress, current errors, and events as they come."""
+
+    def __init__(self, console: Console, recording: Recording) -> None:
+        self._console = console
+        self._recording = recording
+        self._started: float | None = None
+        self._ended: float | None = None
+        self._drawn = 0.0
+        self._progress = Progress(
+            TextColumn("{task.description}"), BarColumn(bar_width=24),
+            TextColumn("{task.fields[status]}"), TimeElapsedColumn(), console=console,
+        )  # fmt: skip
+        self._task = self._progress.add_task(
+            "starting", total=recording.scenario.duration_s, status=""
+        )
+
+    def __enter__(self) -> "_Watch":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._draw()
+        self._progress.stop()
+
+    @property
+    def wall_s(self) -> float:
+        """Seconds from the first tick to the outcome."""
+        if self._started is None:
+            return 0.0
+        return (self._ended or time.monotonic()) - self._started
+
+    def take(self, record: Record) -> None:
+        """A sink in front of the recording."""
+        self._recording(record)
+        if isinstance(record, Event):
+            if record.kind == "started":
+                self._started = time.monotonic()
+            elif record.kind == "waiting":
+                robots = ", ".join(map(str, record.details["robots"]))
+                self._console.print(
+                    f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} "
+                    f"to {record.details['for']}"
+                )
+        elif isinstance(record, Outcome):
+            self._ended = time.monotonic()
+
+    def refresh(self) -> None:
+        """Redraw, at most ten times a second."""
+        if time.monotonic() - self._drawn >= 0.1:
+            self._draw()
+
+    def _draw(self) -> None:
+        self._drawn = time.monotonic()
+        latest = self._recording.latest()
+        if self._started is None or not len(latest.t_s):
+            return
+        t_s = float(latest.t_s[-1])
+        found = verdict.error_series(self._recording.scenario, latest)
+        self._progress.update(
+            self._task, completed=t_s, description=self._recording.scenario.name,
+            status=f"t = {t_s:6.2f} s  {t_s / max(self.wall_s, 1e-9):5.2f} ×  "
+            f"formation {found.formation_m[-1]:.2e} m  heading {found.heading_rad[-1]:.2e} rad  "
+            f"centroid {found.centroid_m[-1]:.2e} m",
+        )  # fmt: skip
+
+
+@contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, instead of raising wherever the program is."""
+    stopped = threading.Event()
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(kind, lambda *_: stopped.set()) for kind in kinds]
+    try:
+        yield stopped
+    finally:
+        for kind, handler in zip(kinds, before, strict=True):
+            signal.signal(kind, handler)
