@@ -19,7 +19,6 @@ from agent.excitation import Excitation, excitation
 from agent.law import Command, Situation, parameters
 from formation.messages import Stamped, State
 
-
 Coordinates = tuple[float, float, float, float, float, float, float, float, float]
 """(ζ2, ζ3, z2, S, u1, u2, ζ̇3, ż2, Ṡ) of one robot at one instant, S = z1 + Δ (Eqs. 8, 19).
 
@@ -148,9 +147,7 @@ class CooperativeLaw:
     def _scaled(self, offset_m: tuple[float, float]) -> tuple[float, float]:
         return offset_m[0] / self._scale, offset_m[1] / self._scale
 
-    def _coordinates(
-        self, state: State, offset: tuple[float, float], w: Excitation
-    ) -> Coordinates:
+    def _coordinates(self, state: State, offset: tuple[float, float], w: Excitation) -> Coordinates:
         """Eq. 8 with u of the same equation, Δ of Eq. 19, and their rates."""
         x_m, y_m, heading, speed, turn_rate = state
         scale, beta = self._scale, self._beta

@@ -17,7 +17,7 @@ The built-in law is registered in the same way.
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from formation.messages import Stamped, State
 from formation.scenario import LawSettings, Scenario, Vehicle
@@ -122,8 +122,9 @@ def load(kind: str) -> LawFactory:
     return factory
 
 
-def parameters(mass_kg: float, inertia_kgm2: float, com_offset_m: float, scale_m: float
-               ) -> tuple[float, float, float]:
+def parameters(
+    mass_kg: float, inertia_kgm2: float, com_offset_m: float, scale_m: float
+) -> tuple[float, float, float]:
     """a = (m ℓ², I + m d², m d ℓ): the inertia parameters with lengths in units of ℓ metres."""
     return (
         mass_kg * scale_m * scale_m,
@@ -186,5 +187,3 @@ def accepts(scenario: Scenario) -> str | None:
         except Exception as error:
             return f"law {scenario.law.kind!r} refuses robot {robot}: {error}"
     return None
-
-

@@ -10,6 +10,7 @@ import queue
 import sys
 import threading
 import traceback
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -59,9 +60,7 @@ class RobotProcess:
         self._heard: set[int] = set()
         self._to_plant = bus.publisher(session, self._keys.from_robot(robot))
         self._subscriptions: list[Any] = [
-            bus.on_message(
-                session, self._keys.to_robot(robot), self._from_plant, self._refuse
-            )
+            bus.on_message(session, self._keys.to_robot(robot), self._from_plant, self._refuse)
         ]
 
     def stop(self, reason: str = "stopped") -> None:
@@ -87,8 +86,7 @@ class RobotProcess:
         self._broadcast = bus.publisher(self._session, self._keys.broadcast(self._id))
         self._subscriptions += [
             self._session.declare_subscriber(
-                self._keys.broadcast(neighbour),
-                lambda sample, source=neighbour: self._on_broadcast(source, sample),
+                self._keys.broadcast(neighbour), partial(self._on_broadcast, neighbour)
             )
             for neighbour in robot.neighbours
         ]
@@ -175,12 +173,12 @@ class RobotProcess:
         try:
             with self._lock:
                 for out in robot.on_sense(message):
-                    if type(out) is Drive:
+                    if isinstance(out, Drive):
                         self._drive(robot, out)
                     else:
                         assert self._broadcast is not None
                         payload, envelope = out
-                        self._broadcast.put(payload, attachment=envelope.pack())  # type: ignore[union-attr]
+                        self._broadcast.put(payload, attachment=envelope.pack())
         except LawFailed as error:
             self._fail(error)
 

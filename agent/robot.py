@@ -29,7 +29,6 @@ from formation.record import LinkRow
 from formation.scenario import Scenario
 from netem import DELIVERED
 
-
 _NEVER = 2**63 - 1
 
 
@@ -82,7 +81,7 @@ class Robot:
         self._unreported: dict[tuple[int, str], int] = {}
 
     def on_sense(self, sense: Sense) -> list[Outgoing | Drive]:
-        """The plant's measurement at a tick; returns the broadcast, if due, and the answer, if ready.
+        """The plant's measurement at a tick; returns the broadcast, if due, and any answer.
 
         Raises:
             LawFailed: the law could not answer.

@@ -85,7 +85,7 @@ def session(*, connect: str | None = None, listen: str | None = None) -> Iterato
     try:
         yield opened
     finally:
-        opened.close()
+        opened.close()  # type: ignore[no-untyped-call]
 
 
 def publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:

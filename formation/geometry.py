@@ -32,7 +32,7 @@ def fitted_rotation(positions_m: Array, offsets_m: Array) -> Array:
     # Eq. 3's matrix is [[cos ψ, sin ψ], [-sin ψ, cos ψ]].
     cosine = (x * p).sum(axis=(-2, -1))
     sine = (x[..., 0] * p[:, 1] - x[..., 1] * p[:, 0]).sum(axis=-1)
-    return np.arctan2(sine, cosine)
+    return np.arctan2(sine, cosine)  # type: ignore[no-any-return]
 
 
 def rotated(offsets_m: Array, rotation_rad: Array) -> Array:

@@ -39,9 +39,7 @@ def smallest_eigenvalue(matrix: NDArray[np.float64], damping: Sequence[float]) -
     return max(0.0, float(np.linalg.eigvalsh(matrix + np.diag(damping))[0]))
 
 
-def components(
-    robots: Sequence[int], edges: Sequence[tuple[int, int]]
-) -> list[list[int]]:
+def components(robots: Sequence[int], edges: Sequence[tuple[int, int]]) -> list[list[int]]:
     """Connected components, each sorted, ordered by their smallest robot."""
     group = {robot: {robot} for robot in robots}
     for first, second in edges:
@@ -49,4 +47,4 @@ def components(
             merged = group[first] | group[second]
             for robot in merged:
                 group[robot] = merged
-    return sorted({tuple(sorted(members)) for members in group.values()})  # type: ignore[arg-type]
+    return [list(members) for members in sorted({tuple(sorted(g)) for g in group.values()})]

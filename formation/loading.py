@@ -167,7 +167,7 @@ _STAND_INS: dict[str, Any] = {
     "name": "unnamed", "duration_s": 1.0, "formation": {"edges": []}, "edges": [],
     "offset_m": [0.0, 0.0], "start": {"x_m": 0.0, "y_m": 0.0}, "x_m": 0.0, "y_m": 0.0,
 }  # fmt: skip
-"""Valid values for required keys. A robot's id has none: without it, nothing can be cross-checked."""
+"""Valid values for required keys; a robot's id has none, and without it nothing refers well."""
 
 
 def _mend(data: Any, loc: Place, *, missing: bool) -> None:
@@ -216,7 +216,7 @@ _RULES = {
     "union_tag_not_found": "needs {discriminator} to say which kind it is",
     "too_short": "needs at least {min_length} item(s)",
     "too_long": "must have exactly {max_length} items",
-    "string_pattern_mismatch": "must start with a letter or digit and hold only letters, digits, . _ -",
+    "string_pattern_mismatch": "must start with a letter or digit; then letters, digits, . _ -",
     "value_error": "{error}",
 }
 
@@ -367,7 +367,9 @@ def _check_edges(scenario: Scenario) -> Iterator[Problem]:
         if edge[0] == edge[1]:
             yield Problem(place, value, "joins a robot to itself")
         elif key in seen:
-            yield Problem(place, value, f"repeats formation.edges[{seen[key]}]; edges have no direction")
+            yield Problem(
+                place, value, f"repeats formation.edges[{seen[key]}]; edges have no direction"
+            )
         seen.setdefault(key, index)
 
 
@@ -408,9 +410,7 @@ def _check_window(scenario: Scenario) -> Iterator[Problem]:
         )
 
 
-def _unknown_robots(
-    scenario: Scenario, place: str, robots: Iterable[int]
-) -> Iterator[Problem]:
+def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> Iterator[Problem]:
     ids = sorted(set(scenario.ids))
     for robot in dict.fromkeys(robots):
         if robot not in ids:

@@ -10,6 +10,7 @@ bit-identical.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import msgpack
@@ -73,9 +74,7 @@ class Broadcast(NamedTuple):
             or type(stamp_ns) is not int
         ):
             raise MessageError("malformed: run, robot, sequence or time stamp has a wrong type")
-        if not (
-            type(x) is type(y) is type(heading) is type(speed) is type(turn_rate) is float
-        ):
+        if not (type(x) is type(y) is type(heading) is type(speed) is type(turn_rate) is float):
             raise MessageError("malformed: pose or velocity is not a float")
         if not math.isfinite(x + y + heading + speed + turn_rate):
             raise MessageError("not finite: pose or velocity")
@@ -165,12 +164,12 @@ class Links(NamedTuple):
 
 
 class Rejected(NamedTuple):
-    """Robot to plant: a message from ``source`` was refused; ``count`` so far for this reason."""
+    """Robot to plant: a message from ``source`` was refused, ``times`` so far for this reason."""
 
     robot: int
     source: int
     reason: str
-    count: int
+    times: int
 
 
 class Failed(NamedTuple):
@@ -187,22 +186,21 @@ class End(NamedTuple):
     reason: str
 
 
-Message = (
-    Join | Brief | Ready | Sense | Drive | Waiting | Links | Rejected | Failed | End
-)
+Message = Join | Brief | Ready | Sense | Drive | Waiting | Links | Rejected | Failed | End
 
 _KINDS: Final[tuple[type[Message], ...]] = (
     Join, Brief, Ready, Sense, Drive, Waiting, Links, Rejected, Failed, End,
 )  # fmt: skip
 _TAGS: Final = {kind: tag for tag, kind in enumerate(_KINDS)}
 _FIELD_TYPES: Final = {
-    kind: tuple(_type if isinstance(_type, type) else list for _type in kind.__annotations__.values())
+    kind: tuple(
+        _type if isinstance(_type, type) else list for _type in kind.__annotations__.values()
+    )
     for kind in _KINDS
     if kind is not Sense
 }
-_pack = msgpack.Packer(autoreset=True).pack
+_pack: Final[Callable[[Any], bytes]] = msgpack.Packer(autoreset=True).pack
 _SENSE: Final = _TAGS[Sense]
-_DRIVE: Final = _TAGS[Drive]
 
 
 def _unpack(data: bytes) -> Any:

@@ -1,5 +1,6 @@
 """What every child process of a run shares: how it learns that it should stop."""
 
+import ctypes
 import os
 import signal
 import sys
@@ -12,8 +13,8 @@ def on_stop(stop: Callable[[], None], *, at_end_of_input: bool) -> None:
 
     A launcher holds the other end of the child's standard input: it closes it
     to stop the child, and the system closes it if the launcher dies, so no
-    child outlives its launcher. If the process is still there three seconds
-    after its launcher has gone, it exits without ceremony.
+    child outlives its launcher. A child that still runs three seconds after
+    that exits without ceremony; on Linux even a stopped one dies with it.
     """
 
     def handle(_signal: int, _frame: object) -> None:
@@ -22,6 +23,7 @@ def on_stop(stop: Callable[[], None], *, at_end_of_input: bool) -> None:
     signal.signal(signal.SIGTERM, handle)
     signal.signal(signal.SIGINT, signal.SIG_IGN if at_end_of_input else handle)
     if at_end_of_input:
+        _die_with_parent()
         threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
 
 
@@ -30,3 +32,9 @@ def _watch_input(stop: Callable[[], None]) -> None:
         pass
     stop()
     threading.Timer(3.0, os._exit, args=(3,)).start()
+
+
+def _die_with_parent() -> None:
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1  # prctl(2)
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)

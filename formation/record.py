@@ -55,7 +55,7 @@ class LinkRows(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something worth a line in ``events.jsonl``: ``kind`` at virtual time ``t_ns``, and details."""
+    """Something worth a line in ``events.jsonl``: what, at which virtual time, and details."""
 
     kind: str
     t_ns: int

@@ -6,11 +6,11 @@ scenario is :mod:`formation.theory`'s.
 """
 
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from formation.messages import State
 from netem.settings import LinkOverrides, LinkSettings, nanoseconds
@@ -65,7 +65,9 @@ class Formation(Table):
         table = {
             (min(edge), max(edge)): self.coupling
             if isinstance(self.coupling, float | int)
-            else self.coupling.get(f"{edge[0]}-{edge[1]}", self.coupling.get(f"{edge[1]}-{edge[0]}"))
+            else self.coupling.get(
+                f"{edge[0]}-{edge[1]}", self.coupling.get(f"{edge[1]}-{edge[0]}")
+            )
             for edge in self.edges
         }
         return {edge: float(weight) for edge, weight in table.items() if weight is not None}
@@ -171,7 +173,7 @@ class Start(Table):
 
 
 class Robot(Table):
-    """``[[robots]]``: an id, its place in the pattern, its start, and what differs from the defaults.
+    """``[[robots]]``: id, place in the pattern, start, and what differs from the defaults.
 
     The fields of :class:`Vehicle` may be given here too; see :func:`_robot_model`.
     """
@@ -192,8 +194,6 @@ class Robot(Table):
 
 def _robot_model() -> type[Robot]:
     """:class:`Robot` with every field of :class:`Vehicle` as an optional override."""
-    from pydantic import create_model
-
     overrides: dict[str, Any] = {
         name: (info.rebuild_annotation() | None, None)
         for name, info in Vehicle.model_fields.items()
@@ -201,7 +201,10 @@ def _robot_model() -> type[Robot]:
     return create_model("RobotTable", __base__=Robot, __doc__=Robot.__doc__, **overrides)
 
 
-RobotTable = _robot_model()
+if TYPE_CHECKING:
+    RobotTable = Robot
+else:
+    RobotTable = _robot_model()
 
 
 class Expect(Table):
@@ -232,7 +235,7 @@ class Scenario(Table):
     law: LawSettings = LawSettings()
     network: Network = Network()
     robot_defaults: Vehicle = Vehicle()
-    robots: Annotated[list[RobotTable], Field(min_length=1)]  # type: ignore[valid-type]
+    robots: Annotated[list[RobotTable], Field(min_length=1)]
     expect: Expect | None = None
 
     @property

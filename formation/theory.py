@@ -46,13 +46,11 @@ def assess(scenario: Scenario) -> Assessment:
         why = "no theorem applies: " + "; ".join([*broken, *gaps])
     else:
         theorem, why = _theorem(scenario, any(mu > 0 for mu in damping))
-    claims = {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
+    claims = (
+        {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
+    )
     warnings = [*broken, *_expectation_warnings(scenario, theorem, claims, why)]
-    if (
-        theorem in (2, 4)
-        and scenario.law.cross_term == "printed"
-        and margin <= 0.25
-    ):
+    if theorem in (2, 4) and scenario.law.cross_term == "printed" and margin <= 0.25:
         warnings.append(
             f"law.cross_term: β λ_min(L + diag μ) = {margin:.3g} is not above 1/4, so the term "
             f"w1 z2 z3 that the proof of Theorem {theorem} drops is not dominated; "
@@ -115,7 +113,9 @@ def _outside_model(scenario: Scenario) -> list[str]:
         if any(getattr(vehicle, field) for vehicle in scenario.vehicles.values())
     ]  # fmt: skip
     gaps = [f"{name} is not part of Eq. 7's model" for name in names]
-    inexact = [r for r in scenario.ids if scenario.vehicles[r].estimate() != scenario.vehicles[r].truth()]
+    inexact = [
+        r for r in scenario.ids if scenario.vehicles[r].estimate() != scenario.vehicles[r].truth()
+    ]
     if inexact and not scenario.law.robust:
         gaps.append(f"the estimates of robot {inexact[0]} are wrong and law.robust is off")
     return gaps
@@ -159,7 +159,8 @@ def _expectation_warnings(
             if value
             else f"expect.{claim} = false contradicts Theorem {theorem}"
             for claim, value in stated.items()
-            if value is not None and value != claims[claim] and not (claim == "centroid" and value and not damped)
+            if value is not None
+            and value != claims[claim]
+            and not (claim == "centroid" and value and not damped)
         ]
     return warnings
-

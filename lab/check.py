@@ -38,7 +38,9 @@ def describe(assessment: Assessment) -> list[str]:
         f"  {assessment.why}",
         "  claims: "
         + (
-            ", ".join(f"{claim} {'yes' if value else 'no'}" for claim, value in assessment.claims.items())
+            ", ".join(
+                f"{claim} {'yes' if value else 'no'}" for claim, value in assessment.claims.items()
+            )
             or "none"
         ),
     ]

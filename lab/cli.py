@@ -15,7 +15,9 @@ OVERRIDE = click.option(
     "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
 )  # fmt: skip
-RUN = click.option("--run", "run_name", required=True, metavar="ID", help="The run to take part in.")
+RUN = click.option(
+    "--run", "run_name", required=True, metavar="ID", help="The run to take part in."
+)
 LEASH = click.option(
     "--leash", is_flag=True, help="End when standard input ends (the launcher's way to stop)."
 )
@@ -29,9 +31,13 @@ def main() -> None:
 
 @main.command()
 @SCENARIO
-@click.option("--out", type=click.Path(path_type=Path), help="Run folder  [default: runs/<name>-<time>]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Run folder  [default: runs/<name>-<time>]"
+)
 @OVERRIDE
-@click.option("--inline", is_flag=True, help="Everything in one process, without Zenoh; same trajectories.")
+@click.option(
+    "--inline", is_flag=True, help="Everything in one process, without Zenoh; same trajectories."
+)
 def run(scenario: Path, out: Path | None, overrides: tuple[str, ...], inline: bool) -> None:
     """Run SCENARIO.toml and judge it.
 
@@ -65,7 +71,9 @@ def laws() -> None:
 
 @main.command()
 @click.option("--robot", required=True, type=int, metavar="N", help="Which robot this is.")
-@click.option("--connect", required=True, metavar="ENDPOINT", help="The plant, e.g. tcp/127.0.0.1:7447.")
+@click.option(
+    "--connect", required=True, metavar="ENDPOINT", help="The plant, e.g. tcp/127.0.0.1:7447."
+)
 @RUN
 @LEASH
 def agent(robot: int, connect: str, run_name: str, leash: bool) -> None:
@@ -81,13 +89,25 @@ def agent(robot: int, connect: str, run_name: str, leash: bool) -> None:
 
 @main.command()
 @SCENARIO
-@click.option("--listen", required=True, metavar="ENDPOINT", help="Where robots join, e.g. tcp/127.0.0.1:7447.")
-@click.option("--record", metavar="FILE", help="Write the record stream here; - for standard output.")
+@click.option(
+    "--listen",
+    required=True,
+    metavar="ENDPOINT",
+    help="Where robots join, e.g. tcp/127.0.0.1:7447.",
+)
+@click.option(
+    "--record", metavar="FILE", help="Write the record stream here; - for standard output."
+)
 @RUN
 @LEASH
 @OVERRIDE
 def plant(
-    scenario: Path, listen: str, record: str | None, run_name: str, leash: bool, overrides: tuple[str, ...]
+    scenario: Path,
+    listen: str,
+    record: str | None,
+    run_name: str,
+    leash: bool,
+    overrides: tuple[str, ...],
 ) -> None:
     """Be the plant of a run of SCENARIO.toml (formnet run starts it)."""
     from formation.bus import BusError
@@ -100,7 +120,9 @@ def plant(
         _fail(2, str(error))
     try:
         sys.exit(
-            plant_main(loaded, run=run_name, listen=listen, record=record, stop_at_end_of_input=leash)
+            plant_main(
+                loaded, run=run_name, listen=listen, record=record, stop_at_end_of_input=leash
+            )
         )
     except (BusError, OSError) as error:
         _fail(3, str(error))

@@ -96,7 +96,9 @@ def errors(scenario: Scenario, trajectories: Trajectories) -> Figure:
     for (claim, series), colour in zip(
         by_claim(error_series(scenario, trajectories)).items(), COLOURS, strict=False
     ):
-        axes.semilogy(trajectories.t_s, np.maximum(series, 1e-16), color=colour, label=_LABELS[claim])
+        axes.semilogy(
+            trajectories.t_s, np.maximum(series, 1e-16), color=colour, label=_LABELS[claim]
+        )
         axes.axhline(tolerances[claim], color=colour, ls=":", lw=1.0)
     end = trajectories.t_s[-1]
     axes.axvspan(max(0.0, end - window_s(scenario)), end, color="0.9", zorder=0, label="judged")
@@ -116,7 +118,8 @@ def graph(scenario: Scenario) -> Figure:
         ends = np.array([offsets[robot] for robot in edge])
         axes.plot(ends[:, 0], ends[:, 1], color="0.6", lw=1.5, zorder=1)
         axes.annotate(f"{weight:g}", ends.mean(axis=0), fontsize=8, color="0.35",
-                      ha="center", va="center", bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
+                      ha="center", va="center",
+                      bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
     for i, (robot, offset) in enumerate(offsets.items()):
         damping = scenario.vehicles[robot].damping
         axes.plot(*offset, "o", ms=22, color=COLOURS[i % len(COLOURS)],
@@ -152,5 +155,7 @@ def _around(points: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.append(order, order[:1])
 
 
-def _polygon(axes: Axes, points: NDArray[np.float64], width: float, colour: str, label: str) -> None:
+def _polygon(
+    axes: Axes, points: NDArray[np.float64], width: float, colour: str, label: str
+) -> None:
     axes.plot(points[:, 0], points[:, 1], color=colour, lw=width, label=label, zorder=0)

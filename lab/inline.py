@@ -17,15 +17,19 @@ from plant.world import World
 _FLUSH_TICKS = 100
 
 
-def run(scenario: Scenario, name: str, sink: Sink, stopped: Callable[[], bool] = lambda: False) -> Outcome:
-    """Run ``scenario`` as run ``name`` and report to ``sink``; ``stopped`` is asked now and then."""
+def run(
+    scenario: Scenario, name: str, sink: Sink, stopped: Callable[[], bool] = lambda: False
+) -> Outcome:
+    """Run ``scenario`` as ``name``, reporting to ``sink``; ``stopped`` is asked now and then."""
     world = World(scenario)
     robots: dict[int, Robot] = {}
     for robot in scenario.ids:
         try:
             robots[robot] = Robot(scenario, robot, run=name, law=make(scenario, robot))
         except Exception as error:  # a plug-in may raise anything
-            return _finish(Outcome("failed", 0, robot, f"{type(error).__name__}: {error}"), world, {}, sink)
+            return _finish(
+                Outcome("failed", 0, robot, f"{type(error).__name__}: {error}"), world, {}, sink
+            )
     receivers = [(robot, [robots[i] for i in scenario.neighbours[robot]]) for robot in robots]
     heard_by = dict(receivers)
     sink(Event("started", 0, {"robots": scenario.ids}))
@@ -34,13 +38,13 @@ def run(scenario: Scenario, name: str, sink: Sink, stopped: Callable[[], bool] =
         while True:
             for robot, sense in world.senses():
                 for out in robots[robot].on_sense(sense):
-                    if type(out) is Drive:
+                    if isinstance(out, Drive):
                         drives.append(out)
                         continue
-                    payload, envelope = out  # type: ignore[misc]
-                    note = envelope.pack()  # type: ignore[union-attr]
+                    payload, envelope = out
+                    note = envelope.pack()
                     for receiver in heard_by[robot]:
-                        drive = receiver.on_broadcast(robot, payload, note)  # type: ignore[arg-type]
+                        drive = receiver.on_broadcast(robot, payload, note)
                         if drive is not None:
                             drives.append(drive)
             while drives:

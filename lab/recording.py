@@ -6,6 +6,7 @@
 
 import hashlib
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -72,9 +73,7 @@ def trajectory_sha256(samples: list[Sample]) -> str:
     and the seven remaining columns as little-endian doubles (NaN for none), so
     the hash can be computed from ``states.parquet`` by anyone.
     """
-    rows = np.empty(
-        len(samples), dtype=[("t", "<i8"), ("robot", "<i8"), ("values", "<f8", (7,))]
-    )
+    rows = np.empty(len(samples), dtype=[("t", "<i8"), ("robot", "<i8"), ("values", "<f8", (7,))])
     if samples:
         rows["t"] = [sample.t_ns for sample in samples]
         rows["robot"] = [sample.robot for sample in samples]
@@ -131,11 +130,9 @@ class Recording:
     def save(self) -> None:
         """Write the tables; every row recorded so far is kept."""
         self._events.close()
-        columns = dict(zip(Sample._fields, zip(*self.samples, strict=True), strict=True))
-        pq.write_table(_table(columns, STATES_SCHEMA), self.folder / "states.parquet")
-        rows = sorted(self.link_rows, key=lambda row: (row[0], *row[2:5]))
-        columns = dict(zip(LinkRow._fields, zip(*rows, strict=True), strict=True))
-        pq.write_table(_table(columns, LINKS_SCHEMA), self.folder / "links.parquet")
+        pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / "states.parquet")
+        rows = sorted(self.link_rows, key=lambda row: (row.t_sent_ns, *row[2:5]))
+        pq.write_table(_table(rows, LINKS_SCHEMA), self.folder / "links.parquet")
 
     def _write_event(self, kind: str, t_ns: int, details: dict[str, Any]) -> None:
         line = {
@@ -148,8 +145,9 @@ class Recording:
         self._events.flush()
 
 
-def _table(columns: dict[str, Any], schema: pa.Schema) -> pa.Table:
+def _table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:
+    columns = zip(*rows, strict=True) if rows else [()] * len(schema)
     return pa.table(
-        {name: pa.array(columns.get(name, ()), schema.field(name).type) for name in schema.names},
+        [pa.array(column, kind) for column, kind in zip(columns, schema.types, strict=True)],
         schema=schema,
     )

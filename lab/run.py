@@ -21,7 +21,7 @@ from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
 from formation.theory import assess
-from lab import figures, inline, verdict
+from lab import inline, verdict
 from lab.launch import Launch
 from lab.recording import Recording, RunExists
 
@@ -34,9 +34,7 @@ CLAIM_TITLES = {
 }
 
 
-def run_scenario(
-    path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool
-) -> int:
+def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool) -> int:
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``."""
     console = Console(stderr=True)
     try:
@@ -45,20 +43,20 @@ def run_scenario(
         report_problems(console, error)
         return BAD_INPUT
     for warning in assess(scenario).warnings:
-        console.print(f"[yellow]warning:[/] {escape(warning)}")
+        console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{scenario.name}-{stamp}"
     try:
         recording = Recording(folder, scenario)
     except (RunExists, OSError) as error:
-        console.print(f"[red]--out:[/] {escape(str(error))}")
+        console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
+    name = f"{scenario.name}-{stamp}-{secrets.token_hex(3)}"
+    mode = "inline" if inline else "distributed"
     with _stop_signals() as stopped:
-        watch = _Watch(console, recording)
-        with watch:
-            outcome = _execute(recording, f"{scenario.name}-{stamp}-{secrets.token_hex(3)}",
-                               watch, stopped, inline=inline)  # fmt: skip
-    return _conclude(console, recording, outcome, watch.wall_s, "inline" if inline else "distributed")
+        with _Watch(console, recording) as watch:
+            outcome = _execute(recording, name, watch, stopped, inline=inline)
+        return _conclude(console, recording, outcome, watch.wall_s, mode)
 
 
 def load_checked(path: Path, overrides: tuple[str, ...]) -> Scenario:
@@ -110,7 +108,10 @@ def _conclude(
     judged = verdict.of(recording, mode=mode, wall_s=wall_s)
     text = json.dumps(judged, indent=2, allow_nan=False, ensure_ascii=False)
     (recording.folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
-    figures.draw(recording, recording.folder / "figures")
+    if outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
+        from lab import figures
+
+        figures.draw(recording, recording.folder / "figures")
     Console().print(_table(judged))
     _summarise(console, recording, judged)
     if outcome.kind == "interrupted":
@@ -143,11 +144,12 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     if outcome["kind"] != "completed":
         who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
         console.print(
-            f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} {escape(outcome['reason'])}"
+            f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} "
+            + escape(outcome["reason"])
         )
     for item in judged["messages"]["rejected"]:
         console.print(
-            f"[yellow]rejected:[/] robot {item['robot']} refused {item['count']} message(s) "
+            f"[yellow]rejected:[/] robot {item['robot']} refused {item['times']} message(s) "
             f"from {item['source']}: {escape(item['reason'])}"
         )
     settled = judged["settling_time_s"]

@@ -141,13 +141,13 @@ def _messages(recording: Recording) -> dict[str, Any]:
     for event in recording.events:
         if event.kind == "rejected":
             details = event.details
-            rejected[details["robot"], details["source"], details["reason"]] = details["count"]
+            rejected[details["robot"], details["source"], details["reason"]] = details["times"]
     return {
         "sent": len(recording.link_rows),
         "fates": dict(sorted(fates.items())),
         "rejected": [
-            {"robot": robot, "source": source, "reason": reason, "count": count}
-            for (robot, source, reason), count in rejected.items()
+            {"robot": robot, "source": source, "reason": reason, "times": times}
+            for (robot, source, reason), times in rejected.items()
         ],
     }
 

@@ -81,9 +81,7 @@ class LinkSettings(BaseModel):
 
     def changed(self, overrides: LinkOverrides) -> "LinkSettings":
         """These settings with exactly what ``overrides`` names replaced."""
-        return LinkSettings(
-            delay=overrides.delay or self.delay, loss=overrides.loss or self.loss
-        )
+        return LinkSettings(delay=overrides.delay or self.delay, loss=overrides.loss or self.loss)
 
     def link(self, *, seed: int, source: object, destination: object) -> Link:
         """The link: loss is drawn first, then delay (the order of tc-netem's pipeline)."""

@@ -16,4 +16,4 @@ def stream(seed: int, source: object, destination: object, impairment: str) -> R
     method's sequence, unlike the others', as stable for a given seed.
     """
     name = f"{seed}\x1f{source}\x1f{destination}\x1f{impairment}"
-    return Random(int.from_bytes(hashlib.sha256(name.encode()).digest(), "big"))  # noqa: S311
+    return Random(int.from_bytes(hashlib.sha256(name.encode()).digest(), "big"))

@@ -131,7 +131,9 @@ def _even_step(body: Body, state: State, force: float, yaw: float, h: float) -> 
     t1, t2, t3 = C1 * h, C2 * h, C3 * h
     v1, v2, v3 = B1 * (v + v_dot * t1), B2 * (v + v_dot * t2), B3 * (v + v_dot * t3)
     a1, a2, a3 = (
-        heading + t1 * (w + half * t1), heading + t2 * (w + half * t2), heading + t3 * (w + half * t3)
+        heading + t1 * (w + half * t1),
+        heading + t2 * (w + half * t2),
+        heading + t3 * (w + half * t3),
     )  # fmt: skip
     return State(
         x + h * (v1 * cos(a1) + v2 * cos(a2) + v3 * cos(a3)),

@@ -46,16 +46,16 @@ def reduction_rate(heading_rad: float, turn_rate_radps: float) -> Matrix:
 def reduced_inertia(body: Body, heading_rad: float) -> Matrix:
     """M̃ = gᵀ M g of Eq. 7, (2, 2)."""
     g = reduction(heading_rad)
-    return g.T @ inertia(body, heading_rad) @ g  # type: ignore[no-any-return]
+    return g.T @ inertia(body, heading_rad) @ g
 
 
 def reduced_coriolis(body: Body, heading_rad: float, turn_rate_radps: float) -> Matrix:
     """C̃ = gᵀ M ġ + gᵀ C g of Eq. 7, (2, 2)."""
     g, g_dot = reduction(heading_rad), reduction_rate(heading_rad, turn_rate_radps)
     m, c = inertia(body, heading_rad), coriolis(body, heading_rad, turn_rate_radps)
-    return g.T @ (m @ g_dot + c @ g)  # type: ignore[no-any-return]
+    return g.T @ (m @ g_dot + c @ g)
 
 
 def reduced_input(body: Body, heading_rad: float) -> Matrix:
     """B̃ = gᵀ B of Eq. 7, (2, 2)."""
-    return reduction(heading_rad).T @ input_matrix(body, heading_rad)  # type: ignore[no-any-return]
+    return reduction(heading_rad).T @ input_matrix(body, heading_rad)

@@ -46,11 +46,29 @@ FAREWELL_S = 0.5
 _FLUSH_TICKS = 100
 
 
-class _Lost(Exception):
+class _Ended(Exception):
     """Ends the run; carries the outcome."""
 
     def __init__(self, outcome: Outcome) -> None:
         self.outcome = outcome
+
+
+class _Patience:
+    """Runs out each time that nothing has changed for PATIENCE_S."""
+
+    def __init__(self) -> None:
+        self._mark: object = None
+        self._since = time.monotonic()
+
+    def lost(self, mark: object) -> bool:
+        """Whether ``mark`` has been the same for so long (again, since the last time it was)."""
+        now = time.monotonic()
+        if mark != self._mark:
+            self._mark, self._since = mark, now
+        if now - self._since < PATIENCE_S:
+            return False
+        self._since = now
+        return True
 
 
 class PlantProcess:
@@ -89,7 +107,7 @@ class PlantProcess:
             self._running = True
             self._sense()
             self._attend()
-        except _Lost as end:
+        except _Ended as end:
             outcome = end.outcome
         with self._lock:
             self._running = False
@@ -106,56 +124,61 @@ class PlantProcess:
         joined: set[int] = set()
         ready: set[int] = set()
         everyone = set(self._scenario.ids)
+        patience = _Patience()
         while ready != everyone:
-            try:
-                message = self._inbox.get(timeout=PATIENCE_S)
-            except queue.Empty:
-                self._complain("join", sorted(everyone - joined) or sorted(everyone - ready), {})
-                continue
+            if patience.lost((len(joined), len(ready))):
+                if joined != everyone:
+                    self._complain("join", sorted(everyone - joined), {})
+                else:
+                    self._complain("hear its neighbours", sorted(everyone - ready), {})
+            message = self._next()
             if isinstance(message, Join) and message.robot in everyone:
                 if message.protocol != PROTOCOL:
-                    raise _Lost(self._outcome(
-                        "failed", message.robot,
-                        f"speaks protocol {message.protocol}, the plant {PROTOCOL}: install the "
-                        "same version of formnet everywhere",
-                    ))  # fmt: skip
+                    raise _Ended(self._mismatch(message))
                 if message.robot not in joined:
                     joined.add(message.robot)
                     self._tell(message.robot, brief)
             elif isinstance(message, Ready):
                 ready.add(message.robot)
-            else:
+            elif message is not None:
                 self._handle(message)
 
     def _attend(self) -> None:
         """Record what comes in until the run ends (by raising); complain while nothing moves."""
-        reported: dict[int, list[int]] = {}
-        last, deadline = -1, time.monotonic() + PATIENCE_S
+        blocked: dict[int, list[int]] = {}
+        patience = _Patience()
         while True:
-            with suppress(queue.Empty):
-                message = self._inbox.get(timeout=max(0.0, deadline - time.monotonic()))
-                if isinstance(message, Waiting):
-                    reported[message.robot] = message.neighbours
-                else:
-                    self._handle(message)
-            if time.monotonic() >= deadline:
-                if self._world.tick == last:
-                    self._complain("answer", self._world.awaited(), reported)
-                reported = {}
-                last, deadline = self._world.tick, time.monotonic() + PATIENCE_S
+            if patience.lost(self._world.tick):
+                self._complain("answer", self._world.awaited(), blocked)
+                blocked = {}
+            message = self._next()
+            if isinstance(message, Waiting):
+                blocked[message.robot] = message.neighbours
+            elif message is not None:
+                self._handle(message)
 
-    def _complain(self, what: str, awaited: list[int], reported: dict[int, list[int]]) -> None:
-        """Say on whom the run waits: not on those who wait for somebody themselves."""
-        blocked = {robot: others for robot, others in reported.items() if robot in awaited}
-        culprits = [robot for robot in awaited if robot not in blocked] or awaited
-        self._sink(
-            Event("waiting", self._world.t_ns, {"for": what, "robots": culprits})
+    def _next(self) -> Message | Record | None:
+        with suppress(queue.Empty):
+            return self._inbox.get(timeout=PATIENCE_S / 4)
+        return None
+
+    def _mismatch(self, join: Join) -> Outcome:
+        return self._outcome(
+            "failed",
+            join.robot,
+            f"speaks protocol {join.protocol}, the plant {PROTOCOL}: install the same version of "
+            "formnet everywhere",
         )
 
+    def _complain(self, what: str, awaited: list[int], blocked: dict[int, list[int]]) -> None:
+        """Say on whom the run waits: not on those who wait for somebody themselves."""
+        culprits = [robot for robot in awaited if robot not in blocked] or awaited
+        self._sink(Event("waiting", self._world.t_ns, {"for": what, "robots": culprits}))
+
     def _handle(self, message: Message | Record) -> None:
-        """Anything but the hot path. Raises _Lost when it ends the run."""
+        """Anything but the hot path. Raises _Ended when it ends the run."""
         if isinstance(message, Outcome):
-            raise _Lost(message)
+            raise _Ended(message)
         if isinstance(message, Samples | Event):
             self._sink(message)
         elif isinstance(message, Links):
@@ -169,12 +192,12 @@ class PlantProcess:
                         "robot": message.robot,
                         "source": message.source,
                         "reason": message.reason,
-                        "count": message.count,
+                        "times": message.times,
                     },
                 )
             )
         elif isinstance(message, Failed):
-            raise _Lost(self._outcome("failed", message.robot, message.error))
+            raise _Ended(self._outcome("failed", message.robot, message.error))
 
     def _farewell(self, outcome: Outcome) -> None:
         """Tell every robot that it is over, and take their last reports."""
@@ -187,11 +210,13 @@ class PlantProcess:
             try:
                 message = self._inbox.get(timeout=FAREWELL_S)
             except queue.Empty:
-                self._sink(Event("silent at the end", self._world.t_ns, {"robots": sorted(leaving)}))
+                self._sink(
+                    Event("silent at the end", self._world.t_ns, {"robots": sorted(leaving)})
+                )
                 return
             if isinstance(message, End):
                 leaving.discard(message.robot)
-            with suppress(_Lost):
+            with suppress(_Ended):
                 self._handle(message)
             leaving -= self._lost
 
@@ -248,7 +273,7 @@ class PlantProcess:
         self._refused[robot, reason] += 1
         count = self._refused[robot, reason]
         if count & (count - 1) == 0:
-            details = {"robot": "plant", "source": robot, "reason": reason, "count": count}
+            details = {"robot": "plant", "source": robot, "reason": reason, "times": count}
             self._inbox.put(Event("rejected", self._world.t_ns, details))
 
     def _on_robot_liveliness(self, sample: zenoh.Sample) -> None:

@@ -1,0 +1,57 @@
+"""What a tick of a real distributed run costs.
+
+The plant and the robots run as :mod:`lab.launch` starts them. The clock of the
+launching process runs from the arrival of the ``started`` event to that of the
+outcome, so start-up is excluded, while the robots' farewell (some milliseconds)
+and the record stream are included. Records are dropped as they come.
+"""
+
+import secrets
+import time
+from pathlib import Path
+
+from benchmarks.table import BenchmarkError
+from formation.loading import dumps
+from formation.record import Event, Outcome, Record
+from formation.scenario import Scenario
+from lab.launch import Launch
+
+START_S, TICK_S = 60.0, 0.05
+"""A run may take this long to start, and this long per tick, before it is given up."""
+
+
+class _Clock:
+    """A sink that only looks at the clock."""
+
+    def __init__(self) -> None:
+        self.started_s: float | None = None
+        self.ended_s: float | None = None
+
+    def __call__(self, record: Record) -> None:
+        if isinstance(record, Event) and record.kind == "started":
+            self.started_s = time.perf_counter()
+        elif isinstance(record, Outcome):
+            self.ended_s = time.perf_counter()
+
+
+def tick_ms(scenario: Scenario, folder: Path) -> float:
+    """Run ``scenario`` once; wall-clock milliseconds per tick. Files go to ``folder``.
+
+    Raises:
+        BenchmarkError: the run did not complete.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "scenario.toml"
+    file.write_text(dumps(scenario), encoding="utf-8")
+    clock = _Clock()
+    deadline = time.monotonic() + START_S + TICK_S * scenario.ticks
+    name = f"{scenario.name}-{secrets.token_hex(3)}"
+    launch = Launch(file, scenario, name, clock, folder / "logs")
+    outcome = launch.wait(lambda: time.monotonic() > deadline, lambda: None)
+    if outcome.kind != "completed" or clock.started_s is None or clock.ended_s is None:
+        raise BenchmarkError(
+            f"formnet's run of {scenario.name} ended as {outcome.kind} at "
+            f"t = {outcome.t_ns / 1e9:.3f} s: {outcome.reason}"
+        )
+    exchanges = scenario.ticks + 1  # both the first and the last tick are sensed and answered
+    return (clock.ended_s - clock.started_s) / exchanges * 1e3

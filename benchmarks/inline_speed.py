@@ -1,0 +1,43 @@
+"""(b) How much faster than real time a whole run goes in one process, on one thread.
+
+:func:`lab.inline.run` of Section 5 with delays, records dropped; building the
+world and the robots is included, reading the scenario is not.
+"""
+
+import time
+
+from benchmarks.plan import Plan
+from benchmarks.scenarios import section5
+from benchmarks.table import BenchmarkError, Row, Target
+from formation.record import Record
+from formation.scenario import Scenario
+from lab import inline
+
+REAL_TIME = Target(">=", 10.0)
+
+
+def measure(plan: Plan) -> list[Row]:
+    """All rounds.
+
+    Raises:
+        BenchmarkError: a run did not complete.
+    """
+    scenario = section5(plan.inline_ticks)
+    speeds = []
+    for number in range(1, plan.rounds + 1):
+        plan.say(f"b: round {number} of {plan.rounds}")
+        speeds.append(_speed(scenario))
+    note = f"{scenario.duration_s:g} s simulated a round"
+    return [Row("b", "inline speed / real time, n = 5", speeds, target=REAL_TIME, note=note)]
+
+
+def _speed(scenario: Scenario) -> float:
+    started_s = time.perf_counter()
+    outcome = inline.run(scenario, "benchmark", _drop)
+    if outcome.kind != "completed":
+        raise BenchmarkError(f"the inline run ended as {outcome.kind}: {outcome.reason}")
+    return scenario.duration_s / (time.perf_counter() - started_s)
+
+
+def _drop(_record: Record) -> None:
+    pass

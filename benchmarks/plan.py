@@ -1,0 +1,42 @@
+"""How long each measurement of a run is; everything follows from ``--ticks`` and ``--rounds``."""
+
+from dataclasses import dataclass
+
+from rich.console import Console
+
+LEAST_TICKS = 100
+
+
+@dataclass(frozen=True)
+class Plan:
+    """``ticks`` a round for formnet and the bare exchange, ``rounds`` of each comparison."""
+
+    ticks: int
+    rounds: int
+    skip_helics: bool
+    helics_core: str
+    console: Console
+
+    @property
+    def helics_ticks(self) -> int:
+        """Fewer: HELICS is several times slower, and no start-up is in the time."""
+        return max(LEAST_TICKS, self.ticks // 4)
+
+    @property
+    def inline_ticks(self) -> int:
+        """More: an inline tick is several times cheaper."""
+        return 5 * self.ticks
+
+    @property
+    def scaling_ticks(self) -> int:
+        """Fewer: forty robots make a tick of several milliseconds."""
+        return max(LEAST_TICKS, self.ticks // 2)
+
+    @property
+    def scaling_rounds(self) -> int:
+        """Fewer: starting 41 processes takes several times as long as the run."""
+        return min(3, self.rounds)
+
+    def say(self, what: str) -> None:
+        """Tell what is being measured."""
+        self.console.print(what, style="dim", highlight=False)

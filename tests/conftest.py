@@ -1,0 +1,34 @@
+"""What all tests share: the paper's scenarios, and random tests that repeat."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from formation.loading import load
+from formation.scenario import Scenario
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Derandomized: every run of a test draws the same examples, so a failure repeats.
+settings.register_profile(
+    "formnet", derandomize=True, deadline=None, max_examples=60, database=None
+)
+settings.load_profile("formnet")
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def paper() -> Callable[..., Scenario]:
+    """``paper("theorem4", "law.beta=5", ...)``: a scenario of configs/paper, overridden."""
+
+    def scenario(name: str, *overrides: str) -> Scenario:
+        return load(ROOT / "configs" / "paper" / f"{name}.toml", overrides)
+
+    return scenario

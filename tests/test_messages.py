@@ -1,0 +1,363 @@
+"""Messages and records: every bit survives, and nothing that is not a message gets in."""
+
+import io
+import math
+import struct
+import typing
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation import messages, record
+from formation.messages import (
+    Brief,
+    Broadcast,
+    Drive,
+    End,
+    Envelope,
+    Failed,
+    Join,
+    Links,
+    MessageError,
+    Ready,
+    Rejected,
+    Sense,
+    State,
+    Waiting,
+    decode,
+    encode,
+)
+from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+integers = st.integers(-(2**63), 2**64 - 1)
+texts = st.text("aZ09 -_\x00\x1f\x7fé√\u2028\uffff\U0001f600", max_size=20)
+states = st.builds(State, finite, finite, finite, finite, finite)
+wild_states = st.builds(State, *[st.floats()] * 5)
+link_rows = st.builds(LinkRow, integers, st.none() | integers, integers, integers, integers, texts)
+broadcasts = st.builds(Broadcast, texts, integers, integers, integers, states)
+
+KINDS = {
+    Join: st.builds(Join, integers, integers),
+    Brief: st.builds(Brief, texts),
+    Ready: st.builds(Ready, integers),
+    Sense: st.builds(Sense, integers, wild_states),
+    Drive: st.builds(Drive, integers, integers, st.floats(), st.floats()),
+    Waiting: st.builds(Waiting, integers, integers, st.lists(integers, max_size=5)),
+    Links: st.builds(Links, integers, st.lists(link_rows, max_size=3)),
+    Rejected: st.builds(Rejected, integers, integers, texts, integers),
+    Failed: st.builds(Failed, integers, texts),
+    End: st.builds(End, integers, texts),
+}
+EDGES = [0.0, -0.0, 5e-324, -5e-324, 2.2250738585072014e-308, 1.7976931348623157e308, 0.1]
+GOOD = Broadcast("run", 3, 17, 170_000_000, State(1.5, -2.5, 0.25, 3.5, -0.5))
+
+
+def bits(value):
+    """``value`` with every float as its bytes, so that == tells -0.0 from 0.0 and knows NaN."""
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, tuple | list):
+        return [bits(item) for item in value]
+    return value
+
+
+# --- round trips ----------------------------------------------------------------------
+
+
+def test_every_kind_of_message_is_tested_here():
+    assert set(typing.get_args(messages.Message)) == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@given(data=st.data())
+def test_lockstep_message_arrives_bit_identical(kind, data):
+    message = data.draw(KINDS[kind])
+    arrived = decode(encode(message))
+    assert type(arrived) is kind
+    assert bits(arrived) == bits(message)
+
+
+def test_sense_arrives_with_a_state():
+    assert type(decode(encode(Sense(4, GOOD.state))).state) is State
+
+
+@given(broadcasts)
+def test_broadcast_arrives_bit_identical(broadcast):
+    arrived = Broadcast.unpack(broadcast.pack())
+    assert type(arrived) is Broadcast
+    assert type(arrived.state) is State
+    assert bits(arrived) == bits(broadcast)
+
+
+@pytest.mark.parametrize("value", EDGES)
+@pytest.mark.parametrize("place", range(5))
+def test_edge_of_the_floats_arrives_bit_identical(value, place):
+    state = State(*[value if i == place else 1.0 for i in range(5)])
+    arrived = Broadcast.unpack(GOOD._replace(state=state).pack())
+    assert bits(arrived.state) == bits(state)
+    assert bits(decode(encode(Sense(1, state))).state) == bits(state)
+
+
+def test_broadcast_of_large_finite_values_is_not_called_infinite():
+    """Each is finite although their sum is not."""
+    state = State(1.7e308, 1.7e308, 0.0, 0.0, 0.0)
+    assert Broadcast.unpack(GOOD._replace(state=state).pack()).state == state
+
+
+@given(integers, integers, integers)
+def test_envelope_arrives_identical(robot, sequence, tick):
+    envelope = Envelope(robot, sequence, tick)
+    arrived = Envelope.unpack(envelope.pack())
+    assert type(arrived) is Envelope
+    assert arrived == envelope
+
+
+# --- what is refused ------------------------------------------------------------------
+
+FIELDS = ["run", 3, 17, 170, 1.5, -2.5, 0.25, 3.5, -0.5]
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [(0, value) for value in (b"run", 3, None, True, ["run"])]
+    + [(i, value) for i in (1, 2, 3) for value in (True, 3.0, "3", b"3", None, [3], {})]
+    + [(i, value) for i in range(4, 9) for value in (True, 3, "3.0", b"3", None, [1.0], {})],
+)
+def test_broadcast_with_a_wrong_type_is_malformed(place, value):
+    fields = [*FIELDS]
+    assert Broadcast.unpack(msgpack.packb(fields)).run == "run"
+    fields[place] = value
+    with pytest.raises(MessageError, match="malformed"):
+        Broadcast.unpack(msgpack.packb(fields))
+
+
+@pytest.mark.parametrize("value", [math.nan, -math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(4, 9))
+def test_broadcast_that_is_not_finite_is_refused(place, value):
+    fields = [*FIELDS]
+    fields[place] = value
+    with pytest.raises(MessageError, match="not finite"):
+        Broadcast.unpack(msgpack.packb(fields))
+
+
+def test_opposite_infinities_do_not_cancel():
+    fields = [*FIELDS[:4], math.inf, -math.inf, 0.0, 0.0, 0.0]
+    with pytest.raises(MessageError, match="not finite"):
+        Broadcast.unpack(msgpack.packb(fields))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [[], FIELDS[:-1], [*FIELDS, 0.0], {}, {"run": "run"}, None, 7, "run", dict.fromkeys(range(9))],
+)
+def test_broadcast_of_another_shape_is_malformed(content):
+    with pytest.raises(MessageError, match="malformed"):
+        Broadcast.unpack(msgpack.packb(content))
+
+
+def test_broadcast_cut_short_or_with_something_after_it_is_malformed():
+    data = GOOD.pack()
+    for cut in range(len(data)):
+        with pytest.raises(MessageError, match="malformed"):
+            Broadcast.unpack(data[:cut])
+    for extra in (b"\x00", b"\xc0", data):
+        with pytest.raises(MessageError, match="malformed"):
+            Broadcast.unpack(data + extra)
+
+
+@pytest.mark.parametrize(
+    "content", [[], [1, 2], [1, 2, 3, 4], [1, 2, 3.0], [True, 2, 3], ["1", 2, 3], {}, None, 5]
+)
+def test_envelope_other_than_three_integers_is_malformed(content):
+    with pytest.raises(MessageError, match="malformed"):
+        Envelope.unpack(msgpack.packb(content))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ([], "tagged list"),
+        ({}, "tagged list"),
+        (5, "tagged list"),
+        (["0", 1, 1], "tagged list"),
+        ([False, 1, 1], "tagged list"),
+        ([0.0, 1, 1], "tagged list"),
+        ([-1, 1, 1], "unknown kind -1"),
+        ([10, 1], "unknown kind 10"),
+        ([2**64 - 1], f"unknown kind {2**64 - 1}"),
+        ([0, 1], "Join"),
+        ([0, 1, True], "Join"),
+        ([0, 1, 1, 1], "Join"),
+        ([1, b"text"], "Brief"),
+        ([3, 1, 1.0, 1.0, 1.0, 1.0], "Sense"),
+        ([3, 1, 1.0, 1.0, 1.0, 1.0, 1], "Sense"),
+        ([3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0], "Sense"),
+        ([3, 1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0], "Sense"),
+        ([4, 1, 1, 1, 1.0], "Drive"),
+        ([5, 1, 1, (1, 2), 3], "Waiting"),
+        ([5, 1, 1, 7], "Waiting"),
+    ],
+)
+def test_lockstep_message_that_is_none_is_refused_with_the_reason(content, words):
+    with pytest.raises(MessageError, match=words):
+        decode(msgpack.packb(content))
+
+
+def mutated(data, how):
+    """Valid bytes with one damage: a changed byte, a cut, a byte put in."""
+    place, byte, kind = how
+    place %= len(data) + 1
+    if kind == 0:
+        return data[:place]
+    if kind == 1:
+        return data[:place] + bytes([byte]) + data[place:]
+    return data[:place] + bytes([byte]) + data[place + 1 :]
+
+
+damage = st.tuples(st.integers(0, 500), st.integers(0, 255), st.integers(0, 2))
+damaged = st.builds(
+    mutated,
+    st.one_of(broadcasts.map(Broadcast.pack), *[kind.map(encode) for kind in KINDS.values()]),
+    damage,
+)
+anything = st.recursive(
+    st.none() | st.booleans() | integers | st.floats() | texts | st.binary(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=8) | st.dictionaries(texts | integers, inner, max_size=3)
+    ),
+    max_leaves=12,
+).map(msgpack.packb)
+HOSTILE = [
+    b"", b"\x91" * 5000, b"\xdd\xff\xff\xff\xff", b"\xc6\xff\xff\xff\xff", b"\xc1",
+    b"\x81\x90\x01", b"\x81\x81\x01\x01\x01", b"\xd6\xff\x00\x00\x00\x00", b"\xa1\xff",
+    b"\xc7\x0c\xff" + b"\xff" * 12, b"\x9f" + b"\xff" * 15,
+]  # fmt: skip
+
+
+def survives(data):
+    """Every decoder takes ``data`` or raises MessageError, and takes only what it can encode."""
+    for unpack, kind in ((Broadcast.unpack, Broadcast), (Envelope.unpack, Envelope)):
+        try:
+            message = unpack(data)
+        except MessageError:
+            continue
+        assert type(message) is kind
+        assert unpack(message.pack()) == message
+    try:
+        message = decode(data)
+    except MessageError:
+        return
+    assert type(message) in KINDS
+
+
+@settings(max_examples=200)
+@given(st.binary(max_size=100))
+def test_random_bytes_raise_nothing_but_message_error(data):
+    survives(data)
+
+
+@settings(max_examples=200)
+@given(damaged)
+def test_damaged_messages_raise_nothing_but_message_error(data):
+    survives(data)
+
+
+@settings(max_examples=200)
+@given(anything)
+def test_other_msgpack_raises_nothing_but_message_error(data):
+    survives(data)
+
+
+@pytest.mark.parametrize("data", HOSTILE, ids=lambda data: data[:6].hex() or "empty")
+def test_hostile_bytes_raise_nothing_but_message_error(data):
+    for unpack in (Broadcast.unpack, Envelope.unpack, decode):
+        with pytest.raises(MessageError):
+            unpack(data)
+
+
+# --- the record stream ----------------------------------------------------------------
+
+nanos = st.integers(-(2**63), 2**63 - 1)
+samples = st.builds(
+    Sample, nanos, st.integers(0, 99), *[st.floats()] * 5, *[st.none() | st.floats()] * 2
+)
+json_values = st.none() | st.booleans() | nanos | texts | st.lists(nanos, max_size=3)
+records = st.one_of(
+    st.builds(Samples, st.lists(samples, max_size=3)),
+    st.builds(LinkRows, st.lists(link_rows, max_size=3)),
+    st.builds(Event, texts, nanos, st.dictionaries(texts, json_values, max_size=3)),
+    st.builds(Outcome, texts, nanos, st.none() | nanos, texts),
+)
+
+
+def written(items):
+    """The bytes of ``items`` and where each of them ends."""
+    stream, ends = io.BytesIO(), []
+    write = record.writer(stream)
+    for item in items:
+        write(item)
+        ends.append(stream.tell())
+    return stream.getvalue(), ends
+
+
+def same_records(found, expected):
+    assert [type(item) for item in found] == [type(item) for item in expected]
+    assert bits(found) == bits(expected)
+
+
+@given(st.lists(records, max_size=6))
+def test_records_are_read_as_they_were_written(items):
+    data, _ = written(items)
+    found = list(record.read(io.BytesIO(data)))
+    same_records(found, items)
+    for item in found:
+        if isinstance(item, Samples | LinkRows):
+            row = Sample if isinstance(item, Samples) else LinkRow
+            assert all(type(entry) is row for entry in item.rows)
+
+
+RECORDS = [
+    Event("started", 0, {"robots": [1, 2], "note": "ünï"}),
+    Samples([Sample(0, 1, 0.1, -0.0, 5e-324, 1.0, 2.0, None, None)]),
+    LinkRows([LinkRow(0, 10, 1, 2, 0, "delivered"), LinkRow(0, None, 2, 1, 0, "lost: random")]),
+    Samples([]),
+    Samples([Sample(10, 1, math.inf, math.nan, 0.0, 1.0, 2.0, 3.0, -4.0)] * 2),
+    Outcome("diverged", 10, 1, "state is not finite"),
+]
+
+
+def test_stream_cut_at_any_byte_yields_the_records_before_the_cut():
+    data, ends = written(RECORDS)
+    for cut in range(len(data) + 1):
+        whole = sum(end <= cut for end in ends)
+        same_records(list(record.read(io.BytesIO(data[:cut]))), RECORDS[:whole])
+
+
+class Drip(io.BytesIO):
+    """A stream that hands out a few bytes at a time, as a pipe may."""
+
+    def read1(self, size=-1):
+        return super().read1(3)
+
+
+def test_stream_that_comes_in_drips_yields_the_same():
+    same_records(list(record.read(Drip(written(RECORDS)[0]))), RECORDS)
+
+
+def test_every_record_is_out_at_once():
+    """What was sent before a process was killed can be read."""
+    raw = io.BytesIO()
+    write = record.writer(io.BufferedWriter(raw, 2**20))
+    for count, item in enumerate(RECORDS, start=1):
+        write(item)
+        same_records(list(record.read(io.BytesIO(raw.getvalue()))), RECORDS[:count])
+
+
+def test_record_can_be_taken_before_the_stream_ends():
+    data, ends = written(RECORDS)
+    stream = io.BytesIO(data[: ends[0]])
+    reader = record.read(stream)
+    same_records([next(reader)], RECORDS[:1])

@@ -1,0 +1,323 @@
+"""What only processes can show: determinism across buses, deaths, signals, strangers on the bus."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from formation import bus, record
+from lab.launch import _free_port
+
+SECTION5 = "configs/paper/section5-delay.toml"
+RANDOM_NETWORK = (
+    'network.default.delay={distribution="uniform", low_s=0.0, high_s=0.03}',
+    "network.default.loss.probability=0.2",
+)
+
+
+class Run:
+    """A ``formnet run`` in the background."""
+
+    def __init__(self, root: Path, out: Path, *arguments: str, env: dict[str, str] | None = None):
+        self.out = out
+        self.log = out.with_suffix(".log")
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "lab.cli", "run", *arguments, "--out", str(out)],
+                cwd=root, stdout=log, stderr=subprocess.STDOUT, env={**os.environ, **(env or {})},
+            )  # fmt: skip
+
+    def wait(self, timeout: float = 90.0) -> int:
+        return self.process.wait(timeout)
+
+    def output(self) -> str:
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    def verdict(self) -> dict:
+        return json.loads((self.out / "verdict.json").read_text(encoding="utf-8"))
+
+    def events(self) -> list[dict]:
+        path = self.out / "events.jsonl"
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        return [json.loads(line) for line in text.splitlines()]
+
+    def until_event(self, kind: str) -> None:
+        until(lambda: any(e["event"] == kind for e in self.events()), f"event {kind}", self.output)
+
+    def children(self) -> list[psutil.Process]:
+        return psutil.Process(self.process.pid).children(recursive=True)
+
+    def child(self, *words: str) -> psutil.Process:
+        (found,) = [c for c in self.children() if set(words) <= set(c.cmdline())]
+        return found
+
+
+def until(condition: Callable[[], bool], what: str, context: Callable[[], str] = str,
+          timeout: float = 60.0) -> float:  # fmt: skip
+    """Poll until ``condition`` holds; returns how long it took."""
+    start = time.monotonic()
+    while not condition():
+        if time.monotonic() - start > timeout:
+            pytest.fail(f"{what} did not come within {timeout} s\n{context()}")
+        time.sleep(0.02)
+    return time.monotonic() - start
+
+
+@pytest.fixture
+def start(root, tmp_path) -> Iterator[Callable[..., Run]]:
+    """Start runs; whatever is left of them afterwards is killed."""
+    runs: list[Run] = []
+
+    def starter(name: str, *arguments: str, env: dict[str, str] | None = None) -> Run:
+        overrides = [part for text in arguments if "=" in text for part in ("--set", text)]
+        flags = [text for text in arguments if "=" not in text]
+        runs.append(Run(root, tmp_path / name, SECTION5, *flags, *overrides, env=env))
+        return runs[-1]
+
+    yield starter
+    for run in runs:
+        if run.process.poll() is None:
+            left = run.children()
+            run.process.kill()
+            for child in left:
+                child.kill()
+
+
+@contextmanager
+def load_on_every_core() -> Iterator[None]:
+    busy = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(2 * (os.cpu_count() or 1))
+    ]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+
+
+def test_distributed_inline_and_loaded_runs_are_bit_identical(start):
+    """Random delays that reorder, and loss, so that every message's fate matters."""
+    short = ("duration_s=0.6", *RANDOM_NETWORK)
+    distributed = start("distributed", *short)
+    assert distributed.wait() == 1  # 0.6 s is too short for the claims
+    inline = start("inline", "--inline", *short)
+    assert inline.wait() == 1
+    with load_on_every_core():
+        loaded = start("loaded", *short)
+        assert loaded.wait() == 1
+    hashes = [run.verdict()["trajectory_sha256"] for run in (distributed, inline, loaded)]
+    assert len(set(hashes)) == 1
+    tables = [pq.read_table(run.out / "links.parquet") for run in (distributed, inline, loaded)]
+    assert tables[0].num_rows == 10 * 61
+    assert tables[0].equals(tables[1])
+    assert tables[0].equals(tables[2])
+    assert {"delivered", "lost: random"} == set(tables[0]["fate"].to_pylist())
+    # A different seed is a different network.
+    other = start("other", "--inline", *short, "seed=2")
+    other.wait()
+    assert other.verdict()["trajectory_sha256"] != hashes[0]
+
+
+def test_a_run_is_seven_processes_and_leaves_none(start):
+    run = start("seven", "duration_s=2.0")
+    run.until_event("started")
+    children = run.children()
+    assert len(children) == 6
+    run.wait()
+    assert not [child for child in children if child.is_running()]
+
+
+def test_killed_robot_ends_the_run_with_its_name_and_the_data(start):
+    run = start("killed")
+    run.until_event("started")
+    run.child("agent", "--robot", "3").kill()
+    assert run.wait(30) == 3
+    lost = run.events()[-1]
+    assert (lost["event"], lost["robot"]) == ("lost", 3)
+    assert f"lost at t = {lost['t_s']:.3f} s: robot 3" in run.output()
+    verdict = run.verdict()
+    assert verdict["outcome"]["robot"] == 3
+    assert verdict["claims"]["formation"]["observed"] is None
+    states = pq.read_table(run.out / "states.parquet")
+    assert states.num_rows % 5 == 0
+    if states.num_rows:
+        assert states["t_ns"][-1].as_py() <= lost["t_s"] * 1e9
+    pq.read_table(run.out / "links.parquet")
+
+
+def test_killed_launcher_leaves_no_process_behind(start):
+    run = start("orphans")
+    run.until_event("started")
+    children = run.children()
+    assert len(children) == 6
+    run.process.kill()
+    assert until(lambda: not any(c.is_running() for c in children), "the end", timeout=10) < 5.0
+
+
+def test_killed_launcher_takes_even_a_stopped_robot_along(start):
+    if sys.platform != "linux":
+        pytest.skip("needs prctl(PR_SET_PDEATHSIG)")
+    run = start("stopped-orphan")
+    run.until_event("started")
+    children = run.children()
+    run.child("agent", "--robot", "2").suspend()
+    run.process.kill()
+    assert until(lambda: not any(c.is_running() for c in children), "the end", timeout=10) < 5.0
+
+
+def test_killed_plant_ends_the_run(start):
+    run = start("plantless")
+    run.until_event("started")
+    run.child("plant").kill()
+    assert run.wait(30) == 3
+    assert "the plant was killed by signal 9" in run.output()
+    pq.read_table(run.out / "states.parquet")
+
+
+@pytest.mark.parametrize("mode", [(), ("--inline",)], ids=["distributed", "inline"])
+def test_interrupt_stops_everything_within_two_seconds(start, mode):
+    run = start("interrupted", *mode)
+    run.until_event("started")
+    children = run.children()
+    run.process.send_signal(signal.SIGINT)
+    begin = time.monotonic()
+    assert run.wait(30) == 130
+    assert time.monotonic() - begin < 2.0
+    assert not [child for child in children if child.is_running()]
+    assert run.verdict()["outcome"]["kind"] == "interrupted"
+    assert pq.read_table(run.out / "states.parquet").num_rows % 5 == 0
+    assert "Traceback" not in run.output()
+
+
+@pytest.mark.parametrize("when", ["joining", "running"])
+def test_a_stopped_robot_is_named_and_the_run_goes_on_when_it_does(start, when):
+    reference = start("reference", "--inline", "duration_s=0.5")
+    reference.wait()
+    run = start("waiting", "duration_s=0.5")
+    if when == "joining":
+        until(lambda: len(run.children()) == 6, "the children", run.output)
+    else:
+        run.until_event("started")
+    robot = run.child("agent", "--robot", "3")
+    robot.suspend()
+    run.until_event("waiting")
+    robot.resume()
+    assert run.wait() == 1
+    assert next(e["robots"] for e in run.events() if e["event"] == "waiting") == [3]
+    assert "for robot 3" in run.output()
+    assert run.verdict()["trajectory_sha256"] == reference.verdict()["trajectory_sha256"]
+
+
+def test_strangers_on_the_bus_are_refused_counted_and_change_nothing(start, root, tmp_path):
+    """A session of our own joins the hub and shouts on a robot's and the plant's keys."""
+    reference = start("reference", "--inline", "duration_s=1.0")
+    reference.wait()
+    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    name = "by-hand"
+    out = tmp_path / "record"
+    plant, *agents = by_hand(root, endpoint, name, out, "duration_s=1.0")
+    keys = bus.Keys(name)
+    with bus.session(connect=endpoint) as session:
+        while plant.poll() is None:
+            session.put(keys.broadcast(1), b"\xc1 not msgpack")
+            session.put(keys.from_robot(2), b"nonsense")
+            time.sleep(0.02)
+    assert [p.wait(30) for p in (plant, *agents)] == [0] * 6
+    with out.open("rb") as stream:
+        records = list(record.read(stream))
+    rejected = {
+        (r.details["robot"], r.details["source"])
+        for r in records if isinstance(r, record.Event) and r.kind == "rejected"
+    }  # fmt: skip
+    assert {(2, 1), (5, 1), ("plant", 2)} <= rejected
+    samples = [row for r in records if isinstance(r, record.Samples) for row in r.rows]
+    from lab.recording import trajectory_sha256
+
+    assert trajectory_sha256(samples) == reference.verdict()["trajectory_sha256"]
+
+
+def by_hand(root: Path, endpoint: str, name: str, out: Path, *overrides: str) -> list:
+    """A plant and five agents, started one by one as a user would in six terminals."""
+    sets = [part for text in overrides for part in ("--set", text)]
+    command = [sys.executable, "-m", "lab.cli"]
+    processes = [
+        subprocess.Popen(
+            [
+                *command,
+                "plant",
+                SECTION5,
+                "--listen",
+                endpoint,
+                "--run",
+                name,
+                "--record",
+                str(out),
+                *sets,
+            ],
+            cwd=root,
+        )
+    ]
+    processes += [
+        subprocess.Popen(
+            [*command, "agent", "--robot", str(robot), "--connect", endpoint, "--run", name],
+            cwd=root,
+        )
+        for robot in range(1, 6)
+    ]
+    return processes
+
+
+def install_law(folder: Path, body: str) -> dict[str, str]:
+    """A plug-in package with one law, installed by being on the path; returns the environment."""
+    (folder / "broken_law.py").write_text(
+        textwrap.dedent(f"""
+        class Law:
+            def __init__(self, situation): self.robot = situation.robot
+            def command(self, now_ns, own, heard):
+                {body}
+        """)
+    )
+    info = folder / "broken_law-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-law\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[formnet.laws]\nbroken = broken_law:Law\n")
+    return {"PYTHONPATH": str(folder)}
+
+
+@pytest.mark.parametrize("mode", [(), ("--inline",)], ids=["distributed", "inline"])
+def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, mode):
+    env = install_law(
+        tmp_path, "return (1 / 0, 0.0) if self.robot == 4 and now_ns >= 10**7 else (0.0, 0.0)"
+    )
+    run = start("plug-in", "law.kind=broken", "duration_s=0.1", *mode, env=env)
+    assert run.wait() == 3
+    assert "failed at t = 0.010 s: robot 4: ZeroDivisionError: division by zero" in run.output()
+
+
+def test_a_plug_in_law_runs(start, tmp_path):
+    env = install_law(tmp_path, "return (0.0, 0.0)")
+    run = start("plug-in", "--inline", "law.kind=broken", "duration_s=0.1", env=env)
+    assert run.wait() == 1
+    assert run.verdict()["theorem"] is None
+    assert "not 'broken'" in run.verdict()["why"]
+
+
+def test_endpoints_off_loopback_are_refused(root):
+    result = subprocess.run(
+        [sys.executable, "-m", "lab.cli", "agent", "--robot", "1", "--run", "x",
+         "--connect", "tcp/192.0.2.1:7447"],
+        cwd=root, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert result.returncode == 3
+    assert "only loopback endpoints" in result.stderr

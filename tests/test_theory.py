@@ -1,0 +1,289 @@
+"""Which theorem a scenario falls under, and that every broken assumption is named."""
+
+import math
+
+import pytest
+
+from formation.loading import load
+from formation.theory import CLAIMS, assess
+
+UNIFORM = 'network.default.delay={distribution="uniform", low_s=0.05, high_s=0.3}'
+DELAYED = 'network.default.delay={distribution="constant", mean_s=0.1}'
+SPLIT = "formation.edges=[[1, 2], [3, 4], [4, 5]]"
+THEOREMS = {f"theorem{n}": n for n in range(1, 7)} | {"section5": 4, "section5-delay": 6}
+
+
+def without_expect(scenario):
+    return scenario.model_copy(update={"expect": None})
+
+
+def warning_with(assessment, start, *words):
+    """There is exactly one warning that begins with ``start``, and it has all of ``words``."""
+    found = [text for text in assessment.warnings if text.startswith(start)]
+    assert len(found) == 1, assessment.warnings
+    for word in words:
+        assert word in found[0]
+
+
+def no_theorem(assessment, *words):
+    """No theorem applies, and ``why`` says so in these words."""
+    assert assessment.theorem is None
+    assert assessment.claims == {}
+    assert assessment.why.startswith("no theorem applies")
+    for word in words:
+        assert word in assessment.why
+
+
+# --- the paper's own scenarios --------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "theorem"), THEOREMS.items())
+def test_scenario_of_the_paper_is_its_theorem_without_a_warning(paper, name, theorem):
+    scenario = paper(name)
+    assessment = assess(scenario)
+    assert assessment.theorem == theorem
+    assert assessment.warnings == []
+    assert f"Theorem {theorem}" in assessment.why
+    assert scenario.expect.centroid is (theorem not in (1, 3))
+    assert assessment.claims == {
+        "formation": True, "heading": True, "centroid": theorem not in (1, 3)
+    }  # fmt: skip
+
+
+def test_every_scenario_of_the_paper_is_tested_here(root):
+    files = sorted((root / "configs" / "paper").glob("*.toml"))
+    assert {file.stem for file in files} == set(THEOREMS)
+    assert [load(file).name for file in files] == [file.stem for file in files]
+
+
+def test_numbers_of_the_graph_are_the_ring_s(paper):
+    """λ₂ of a ring of five with weights 2 is 2·2 (1 - cos 72°)."""
+    assessment = assess(paper("theorem1"))
+    expected = 4.0 * (1.0 - math.cos(2.0 * math.pi / 5.0))
+    assert assessment.algebraic_connectivity == pytest.approx(expected)
+    assert assessment.smallest_eigenvalue == pytest.approx(0.0, abs=1e-12)
+    assert assessment.cross_term_margin == pytest.approx(0.0, abs=1e-11)
+
+
+# --- classification -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level", ["kinematic", "dynamic"])
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("delayed", [False, True])
+def test_level_damping_and_delay_decide_the_theorem(paper, level, damped, delayed):
+    overrides = [f"law.level={level}", f"robots.1.damping={4.0 if damped else 0.0}"]
+    assessment = assess(
+        without_expect(paper("theorem4", *overrides, *([DELAYED] if delayed else [])))
+    )
+    dynamic = level == "dynamic"
+    if delayed and not damped:
+        no_theorem(assessment, "μ > 0")
+    elif delayed:
+        assert assessment.theorem == (6 if dynamic else 5)
+    else:
+        assert assessment.theorem == {(False, False): 1, (False, True): 2,
+                                      (True, False): 3, (True, True): 4}[dynamic, damped]  # fmt: skip
+    assert assessment.warnings == []
+
+
+def test_damping_of_any_robot_will_do(paper):
+    assert assess(paper("theorem2", "robots.1.damping=0.0", "robots.4.damping=4.0")).theorem == 2
+    others = assess(paper("theorem2", "robots.1.damping=0.0", "robot_defaults.damping=1.0"))
+    assert others.theorem == 2
+    assert 0.5 < others.smallest_eigenvalue < 0.8  # the quotient of (1, ..., 1) is 4/5
+
+
+def test_zero_delay_written_out_on_one_link_is_no_delay(paper):
+    rule = 'network.links=[{from=[1], to=[2], delay={distribution="constant", mean_s=0.0}}]'
+    assert assess(paper("theorem4", rule)).theorem == 4
+
+
+def test_delay_of_one_sender_alone_is_a_delay(paper):
+    rule = 'network.links=[{from=[1], to=[2, 5], delay={distribution="constant", mean_s=0.1}}]'
+    assert assess(paper("theorem4", rule)).theorem == 6
+    assert assess(paper("theorem2", rule)).theorem == 5
+
+
+def test_rule_on_a_link_that_carries_nothing_changes_nothing(paper):
+    """Robots 1 and 3 are not neighbours on the ring."""
+    rule = "network.links=[{from=[1], to=[3], loss={probability=0.5}}]"
+    assert assess(paper("theorem4", rule)).theorem == 4
+
+
+# --- broken assumptions ---------------------------------------------------------------
+
+
+def test_disconnected_graph_is_named_with_its_parts(paper):
+    assessment = assess(paper("theorem4", SPLIT))
+    warning_with(assessment, "Assumption 1", "{1, 2}", "{3, 4, 5}")
+    no_theorem(assessment, "Assumption 1")
+    assert assessment.algebraic_connectivity == pytest.approx(0.0, abs=1e-12)
+
+
+def test_robot_without_an_edge_is_a_part_of_its_own(paper):
+    assessment = assess(paper("theorem4", "formation.edges=[[1, 2], [2, 3], [3, 5]]"))
+    warning_with(assessment, "Assumption 1", "{1, 2, 3, 5}", "{4}")
+
+
+@pytest.mark.parametrize(
+    "w1",
+    [
+        "{bias=0.0}",
+        "{bias=0.0, amplitude=0.0, frequency_radps=2.0}",
+        "{bias=0.0, amplitude=3.0, frequency_radps=0.0}",
+        "{bias=-0.0, amplitude=0.0, frequency_radps=0.0}",
+    ],
+)
+def test_w1_that_is_always_zero_is_named(paper, w1):
+    assessment = assess(paper("theorem4", f"law.w1={w1}"))
+    warning_with(assessment, "Assumption 2", "w1")
+    no_theorem(assessment, "Assumption 2")
+
+
+@pytest.mark.parametrize(
+    "w1", ["{bias=-0.5}", "{bias=0.0, amplitude=0.3, frequency_radps=2.0}", "{bias=1e-6}"]
+)
+def test_w1_that_is_not_always_zero_is_persistent(paper, w1):
+    assessment = assess(paper("theorem4", f"law.w1={w1}"))
+    assert assessment.theorem == 4
+    assert assessment.warnings == []
+
+
+def test_both_assumptions_broken_are_both_named(paper):
+    assessment = assess(without_expect(paper("theorem4", SPLIT, "law.w1={bias=0.0}")))
+    assert len(assessment.warnings) == 2
+    warning_with(assessment, "Assumption 1")
+    warning_with(assessment, "Assumption 2")
+
+
+# --- what no theorem covers -----------------------------------------------------------
+
+GAPS = [
+    ("theorem6", [UNIFORM], ["not constant", "from 2 to 1"]),
+    ("theorem4", ["network.default.loss={probability=0.01}"], ["loses messages"]),
+    (
+        "theorem4",
+        ["network.links=[{from=[3], to=[4], loss={probability=0.01}}]"],
+        ["from 3 to 4 loses messages"],
+    ),
+    ("theorem4", ["law.delta=printed"], ["Eq. 19"]),
+    ("theorem4", ["law.kind=bang-bang"], ["bang-bang"]),
+    (
+        "theorem6",
+        ['network.links=[{from=[3], to=[4], delay={distribution="constant", mean_s=0.2}}]'],
+        ["robot 3", "differ by receiver"],
+    ),
+    ("theorem6", ["robots.1.damping=0.0"], ["μ > 0"]),
+    ("theorem4", ["robot_defaults.wheel_torque_limit_nm=5.0"], ["wheel_torque_limit_nm"]),
+    ("theorem4", ["robots.2.linear_friction_nspm=0.1"], ["linear_friction_nspm"]),
+    ("theorem4", ["robots.2.angular_friction_nmsprad=0.1"], ["angular_friction_nmsprad"]),
+    ("theorem4", ["robots.2.disturbance_force_n=-0.1"], ["disturbance_force_n"]),
+    ("theorem4", ["robots.2.disturbance_torque_nm=0.1"], ["disturbance_torque_nm"]),
+    ("theorem4", ["law.robust=false"], ["robot 1", "law.robust"]),
+]
+
+
+@pytest.mark.parametrize(("name", "overrides", "words"), GAPS)
+def test_expecting_what_no_theorem_covers_is_warned_of(paper, name, overrides, words):
+    scenario = paper(name, *overrides)
+    assert scenario.expect.formation
+    assessment = assess(scenario)
+    no_theorem(assessment, *words)
+    warning_with(assessment, "[expect]", "no theorem covers", *words)
+    silent = assess(without_expect(scenario))
+    assert silent.theorem is None
+    assert silent.warnings == []
+
+
+@pytest.mark.parametrize(("name", "overrides", "words"), GAPS)
+def test_expecting_nothing_true_claims_nothing(paper, name, overrides, words):
+    denied = [f"expect.{claim}=false" for claim in CLAIMS]
+    assert assess(paper(name, *overrides, *denied)).warnings == []
+
+
+def test_gap_of_the_dynamic_model_does_not_concern_the_kinematic_level(paper):
+    assessment = assess(paper("theorem2", "robots.2.linear_friction_nspm=0.1", "law.robust=false"))
+    assert assessment.theorem == 2
+    assert assessment.warnings == []
+
+
+def test_right_estimates_need_no_robust_term(paper):
+    right = ["robot_defaults.mass_estimate_kg=1.0", "robot_defaults.inertia_estimate_kgm2=1.0"]
+    assert assess(paper("theorem4", "law.robust=false", *right)).theorem == 4
+
+
+# --- [expect] against the theorem -----------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["theorem1", "theorem3"])
+def test_centroid_expected_without_damping_is_warned_of_once(paper, name):
+    assessment = assess(paper(name, "expect.centroid=true"))
+    warning_with(assessment, "expect.centroid", "positive damping")
+    assert len(assessment.warnings) == 1
+
+
+def test_centroid_expected_without_damping_is_warned_of_beside_a_gap(paper):
+    assessment = assess(paper("theorem1", "expect.centroid=true", "law.delta=printed"))
+    warning_with(assessment, "expect.centroid", "positive damping")
+    warning_with(assessment, "[expect]", "no theorem covers")
+
+
+@pytest.mark.parametrize("name", ["theorem2", "theorem4", "theorem5", "theorem6"])
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_denying_what_the_theorem_claims_is_warned_of(paper, name, claim):
+    assessment = assess(paper(name, f"expect.{claim}=false"))
+    warning_with(assessment, f"expect.{claim} = false", f"Theorem {name[-1]}")
+    assert len(assessment.warnings) == 1
+
+
+@pytest.mark.parametrize("name", THEOREMS)
+def test_without_expect_there_is_nothing_to_warn_of(paper, name):
+    assert assess(without_expect(paper(name))).warnings == []
+
+
+def test_empty_expect_claims_nothing(paper):
+    assert assess(paper("theorem4", "expect={}", UNIFORM)).warnings == []
+
+
+def test_broken_assumption_is_named_without_expect(paper):
+    assessment = assess(without_expect(paper("theorem4", SPLIT)))
+    assert len(assessment.warnings) == 1
+    warning_with(assessment, "Assumption 1")
+
+
+# --- the dropped cross term -----------------------------------------------------------
+
+
+def equal_damping(mu):
+    """With μ on every robot, λ_min(L + diag μ) = μ exactly, so the margin is 10 μ."""
+    return ["robot_defaults.damping=" + str(mu), "robots.1.damping=" + str(mu)]
+
+
+@pytest.mark.parametrize("name", ["theorem2", "theorem4"])
+@pytest.mark.parametrize("mu", [0.02, 0.0249])
+def test_cross_term_that_is_not_dominated_is_warned_of(paper, name, mu):
+    assessment = assess(paper(name, *equal_damping(mu)))
+    assert assessment.theorem == int(name[-1])
+    assert assessment.cross_term_margin == pytest.approx(10 * mu)
+    warning_with(assessment, "law.cross_term", f"{10 * mu:.3g}", "1/4", f"Theorem {name[-1]}")
+    assert len(assessment.warnings) == 1
+
+
+@pytest.mark.parametrize("name", ["theorem2", "theorem4"])
+def test_cross_term_that_is_dominated_is_not_warned_of(paper, name):
+    assessment = assess(paper(name, *equal_damping(0.0251)))
+    assert assessment.cross_term_margin == pytest.approx(0.251)
+    assert assessment.warnings == []
+
+
+def test_margin_grows_with_beta(paper):
+    assert assess(paper("theorem4", *equal_damping(0.02), "law.beta=20")).warnings == []
+    small = assess(paper("theorem4", "law.beta=0.1"))
+    assert small.cross_term_margin == pytest.approx(0.1 * small.smallest_eigenvalue)
+    warning_with(small, "law.cross_term")
+
+
+@pytest.mark.parametrize("name", ["theorem2", "theorem4"])
+def test_compensated_cross_term_needs_no_domination(paper, name):
+    assert assess(paper(name, *equal_damping(0.02), "law.cross_term=compensated")).warnings == []
