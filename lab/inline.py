@@ -12,7 +12,7 @@ from agent.robot import LawFailed, Robot
 from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario
-from plant.world import World
+from plant.world import DIVERGED, World
 
 _FLUSH_TICKS = 100
 
@@ -64,7 +64,7 @@ def run(
     outcome = (
         Outcome("completed", world.t_ns, None, "")
         if diverged is None
-        else Outcome("diverged", diverged.t_ns, diverged.robot, diverged.what)
+        else Outcome("diverged", diverged.t_ns, diverged.robot, DIVERGED)
     )
     return _finish(outcome, world, robots, sink)
 

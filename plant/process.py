@@ -37,7 +37,7 @@ from formation.messages import (
 from formation.process import on_stop
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Samples, Sink, writer
 from formation.scenario import Scenario
-from plant.world import World
+from plant.world import DIVERGED, World
 
 PATIENCE_S = 1.0
 """How long to wait before saying for whom."""
@@ -257,7 +257,7 @@ class PlantProcess:
             self._inbox.put(
                 self._outcome("completed", None, "")
                 if diverged is None
-                else self._outcome("diverged", diverged.robot, diverged.what)
+                else self._outcome("diverged", diverged.robot, DIVERGED)
             )
         elif complete:
             self._sense()

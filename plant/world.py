@@ -15,12 +15,14 @@ from formation.scenario import Scenario
 from plant.body import Body, driven, steered
 
 
+DIVERGED = "its command, or the state it leads to, is not finite"
+
+
 class Diverged(NamedTuple):
-    """A command or a state stopped being finite: the run can go no further."""
+    """A robot's command at ``t_ns``, or where it leads, is not finite: the run can go no further."""
 
     t_ns: int
     robot: int
-    what: str
 
 
 class World:
@@ -70,20 +72,7 @@ class World:
             )
         if self.tick % self._record_every == 0 or self.tick == self._ticks:
             self._record(robot, state, drive)
-        if not math.isfinite(drive.right + drive.left):
-            self._diverge(robot, "command is not finite")
-            return False
-        if self.tick == self._ticks:
-            self._next[robot] = state
-        elif self._dynamic:
-            self._next[robot] = driven(
-                self._bodies[robot], state, drive.right, drive.left, self._period_s
-            )
-        else:
-            self._next[robot] = steered(state, drive.right, drive.left, self._period_s)
-        if not math.isfinite(sum(self._next[robot])):
-            self._diverge(robot, "state is not finite")
-            return False
+        self._next[robot] = self._moved(robot, state, drive)
         if len(self._next) < len(self.ids):
             return False
         self._complete()
@@ -98,11 +87,29 @@ class World:
         if self._row:
             self._samples.extend(self._row[robot] for robot in self.ids)
             self._row = {}
-        if self.tick == self._ticks:
+        self.diverged = self._divergence()
+        if self.tick == self._ticks or self.diverged is not None:
             self.finished = True
             return
         self._states, self._next = self._next, {}
         self.tick += 1
+
+    def _moved(self, robot: int, state: State, drive: Drive) -> State:
+        """Where the drive takes the robot; not finite if the drive is not."""
+        if self.tick == self._ticks:
+            return state
+        if not math.isfinite(drive.right + drive.left):
+            return State(*[math.nan] * 5)
+        if self._dynamic:
+            return driven(self._bodies[robot], state, drive.right, drive.left, self._period_s)
+        return steered(state, drive.right, drive.left, self._period_s)
+
+    def _divergence(self) -> Diverged | None:
+        """The first robot (in file order, so that arrival order does not matter) to blow up."""
+        for robot in self.ids:
+            if not math.isfinite(sum(self._next[robot])):
+                return Diverged(self.t_ns, robot)
+        return None
 
     def _record(self, robot: int, state: State, drive: Drive) -> None:
         body = self._bodies[robot]
@@ -110,7 +117,3 @@ class World:
         if self._dynamic:
             torques = body.saturated(drive.right), body.saturated(drive.left)
         self._row[robot] = Sample(self.t_ns, robot, *state, *torques)
-
-    def _diverge(self, robot: int, what: str) -> None:
-        self.diverged = Diverged(self.t_ns, robot, what)
-        self.finished = True
