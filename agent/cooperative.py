@@ -13,7 +13,6 @@ than NumPy, and this runs once per robot and control period.
 """
 
 import math
-from collections.abc import Collection
 
 from agent.excitation import Excitation, excitation
 from agent.law import Command, Situation, parameters
@@ -56,9 +55,9 @@ class CooperativeLaw:
         self._com_uncertain = body.com_uncertain
         self._half_axle = body.half_axle_m
         self._wheel_radius = body.wheel_radius_m
-        self._summed: tuple[Collection[Stamped], NeighbourSums] = ((), (0.0,) * 5)
+        self._summed: tuple[tuple[Stamped, ...], NeighbourSums] = ((), (0.0,) * 5)
 
-    def command(self, now_ns: int, own: State, heard: Collection[Stamped]) -> Command:
+    def command(self, now_ns: int, own: State, heard: tuple[Stamped, ...]) -> Command:
         """See :meth:`agent.law.Law.command`."""
         t_s = now_ns * 1e-9
         w = excitation(self._w1, t_s)
@@ -127,7 +126,7 @@ class CooperativeLaw:
         half_radius = 0.5 * self._wheel_radius
         return Command(half_radius * (force + yaw), half_radius * (force - yaw))
 
-    def _neighbour_sums(self, heard: Collection[Stamped]) -> NeighbourSums:
+    def _neighbour_sums(self, heard: tuple[Stamped, ...]) -> NeighbourSums:
         """What the neighbours contribute, each evaluated at its own stamp.
 
         Depends on ``heard`` alone, so it is computed once per change of it.

@@ -14,7 +14,7 @@ entry points and name it in a scenario::
 The built-in law is registered in the same way.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import NamedTuple, Protocol
@@ -75,7 +75,7 @@ class Situation:
 class Law(Protocol):
     """A control law: a function of time, own state and what was heard."""
 
-    def command(self, now_ns: int, own: State, heard: Collection[Stamped]) -> Command:
+    def command(self, now_ns: int, own: State, heard: tuple[Stamped, ...]) -> Command:
         """The command to hold from ``now_ns`` until the next control tick.
 
         ``own`` is this robot's state at ``now_ns``. ``heard`` holds, for each

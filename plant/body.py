@@ -33,6 +33,8 @@ MOST_TURN_PER_STEP = 0.1
 
 The quadrature's error is then below 1e-12 of the distance covered.
 """
+MOST_TURN_PER_PERIOD = 1e4
+"""A robot that would turn by more within a period counts as diverged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,37 +106,36 @@ def driven(body: Body, state: State, right_nm: float, left_nm: float, period_s: 
     right, left = body.saturated(right_nm), body.saturated(left_nm)
     force = (right + left) / body.wheel_radius_m
     yaw = body.half_axle_m * (right - left) / body.wheel_radius_m
-    step = _even_step if body.accelerates_evenly else _collocation_step
     v_dot, w_dot = body.accelerations(state[3], state[4], force, yaw)
     turn = (abs(state[4]) + abs(w_dot) * period_s) * period_s
-    if not body.accelerates_evenly:
+    even = body.accelerates_evenly
+    if not even:
         turn += body.stiffness(abs(state[3]) + abs(v_dot) * period_s) * period_s
-    if turn <= MOST_TURN_PER_STEP:
-        return step(body, state, force, yaw, period_s)
-    if not turn < 1e4:  # also NaN: nothing left to resolve; the plant reports divergence
+    if not turn < MOST_TURN_PER_PERIOD:  # also NaN: the plant reports divergence
         return State(math.nan, math.nan, math.nan, math.nan, math.nan)
-    steps = math.ceil(turn / MOST_TURN_PER_STEP)
+    steps = 1 if turn <= MOST_TURN_PER_STEP else math.ceil(turn / MOST_TURN_PER_STEP)
     for _ in range(steps):
-        state = step(body, state, force, yaw, period_s / steps)
+        state = (
+            _even_step(state, v_dot, w_dot, period_s / steps)
+            if even
+            else _collocation_step(body, state, force, yaw, period_s / steps)
+        )
     return state
 
 
-def _even_step(body: Body, state: State, force: float, yaw: float, h: float) -> State:
+def _even_step(state: State, v_dot: float, w_dot: float, h: float) -> State:
     """One step of length ``h`` with constant accelerations (no d, no friction).
 
     v and ω are then linear and θ is quadratic in time, exactly; only the
     position needs the quadrature. Unrolled: this is the plant's hot path.
     """
     x, y, heading, v, w = state
-    v_dot, w_dot = body.accelerations(v, w, force, yaw)
     half = 0.5 * w_dot
     t1, t2, t3 = C1 * h, C2 * h, C3 * h
     v1, v2, v3 = B1 * (v + v_dot * t1), B2 * (v + v_dot * t2), B3 * (v + v_dot * t3)
-    a1, a2, a3 = (
-        heading + t1 * (w + half * t1),
-        heading + t2 * (w + half * t2),
-        heading + t3 * (w + half * t3),
-    )  # fmt: skip
+    a1 = heading + t1 * (w + half * t1)
+    a2 = heading + t2 * (w + half * t2)
+    a3 = heading + t3 * (w + half * t3)
     return State(
         x + h * (v1 * cos(a1) + v2 * cos(a2) + v3 * cos(a3)),
         y + h * (v1 * sin(a1) + v2 * sin(a2) + v3 * sin(a3)),

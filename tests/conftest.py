@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Derandomized: every run of a test draws the same examples, so a failure repeats.
 settings.register_profile(
-    "formnet", derandomize=True, deadline=None, max_examples=60, database=None
+    "formnet", derandomize=True, deadline=None, max_examples=50, database=None
 )
 settings.load_profile("formnet")
 

@@ -32,8 +32,8 @@ def oracle(b: Body, state: State, right: float, left: float, period_s: float) ->
         m = model.reduced_inertia(b, heading)
         c = model.reduced_coriolis(b, heading, w)
         push = model.reduced_input(b, heading) @ force
-        push = [*push, b.disturbance_force_n, b.disturbance_torque_nm]
-        push = push - [b.linear_friction_nspm * v, b.angular_friction_nmsprad * w]
+        push = push + np.array([b.disturbance_force_n, b.disturbance_torque_nm])
+        push = push - np.array([b.linear_friction_nspm * v, b.angular_friction_nmsprad * w])
         v_dot, w_dot = np.linalg.solve(m, push - c @ [v, w])
         return [v * np.cos(heading), v * np.sin(heading), w, v_dot, w_dot]
 

@@ -568,7 +568,7 @@ arrivals = st.lists(
 FAR = [(LEFT, broadcast(), Envelope(LEFT, 3, 2**63).pack())]
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(arrivals, st.sampled_from([0, MS, 7 * MS]))
 @example(FAR, 0)
 def test_hostile_neighbours_never_stop_the_robot(make, messages, delay_ns):
