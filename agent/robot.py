@@ -12,9 +12,11 @@ t_s + δ <= t_k; the law sees each neighbour's newest usable message by stamp.
 """
 
 from collections import Counter
-from typing import NamedTuple
+from collections.abc import Mapping, Set
+from numbers import Real
+from typing import Any, NamedTuple
 
-from agent.law import Law
+from agent.law import Command, Law
 from formation.messages import (
     HELLO,
     Broadcast,
@@ -38,6 +40,18 @@ class LawFailed(RuntimeError):
     def __init__(self, robot: int, error: str) -> None:
         super().__init__(error)
         self.robot = robot
+
+
+def _pair(command: Any) -> tuple[float, float]:
+    """What a law returned, as two floats; a plug-in may return any two numbers."""
+    if type(command) is Command and type(command[0]) is type(command[1]) is float:
+        return command
+    if isinstance(command, str | bytes | Mapping | Set):
+        raise TypeError(f"the law must return two numbers, not {command!r}")
+    first, second = command
+    if not (isinstance(first, Real) and isinstance(second, Real)):
+        raise TypeError(f"the law must return two numbers, not {command!r}")
+    return float(first), float(second)
 
 
 class Outgoing(NamedTuple):
@@ -75,6 +89,7 @@ class Robot:
         self._next_due_ns = _NEVER  # the least of the links' next deliveries
         self._sequences = dict.fromkeys(self.neighbours, -1)
         self._sequence = 0
+        self._latest_possible = 0
         self._pending: Sense | None = None
         self._rows: list[LinkRow] = []
         self._rejections: Counter[tuple[int, str]] = Counter()
@@ -87,6 +102,7 @@ class Robot:
             LawFailed: the law could not answer.
         """
         self._pending = sense
+        self._latest_possible = sense.tick
         out: list[Outgoing | Drive] = []
         if sense.tick % self._every == 0:
             out.append(self._broadcast(sense))
@@ -117,6 +133,9 @@ class Robot:
             return None
         if note.robot != source:
             self._reject(source, "envelope names another robot")
+            return None
+        if note.tick > self._latest_possible or note.tick % self._every != 0:
+            self._reject(source, "envelope of an impossible tick")
             return None
         if note.sequence <= self._sequences[source] or note.tick <= self._arrived[source]:
             self._reject(source, "replayed: sequence or tick is not newer")
@@ -179,12 +198,13 @@ class Robot:
         if self._heard_up_to < tick - tick % self._every:
             return None
         self._pending = None
+        self._latest_possible = tick + 1  # a neighbour may have been asked before this robot is
         now_ns = tick * self._period_ns
         if self._next_due_ns <= now_ns:
             self._collect(now_ns)
         try:
-            first, second = self._law.command(now_ns, state, self._newest)
-            return Drive(self.robot, tick, float(first), float(second))
+            first, second = _pair(self._law.command(now_ns, state, self._newest))
+            return Drive(self.robot, tick, first, second)
         except Exception as error:  # a law may raise anything
             raise LawFailed(self.robot, f"{type(error).__name__}: {error}") from error
 
@@ -194,7 +214,7 @@ class Robot:
         self._next_due_ns = _NEVER
         for source, link in self._links.items():
             for copy in link.deliver(now_ns):
-                message = self._checked(source, copy.payload, now_ns)
+                message = self._checked(source, copy.payload, copy.sent_ns)
                 known = self._heard.get(source)
                 if message is not None and (known is None or message.stamp_ns > known.stamp_ns):
                     self._heard[source] = message
@@ -205,7 +225,7 @@ class Robot:
         if changed:
             self._newest = tuple(self._heard[i] for i in self.neighbours if i in self._heard)
 
-    def _checked(self, source: int, payload: bytes, now_ns: int) -> Stamped | None:
+    def _checked(self, source: int, payload: bytes, sent_ns: int) -> Stamped | None:
         try:
             message = Broadcast.unpack(payload)
         except MessageError as error:
@@ -215,8 +235,8 @@ class Robot:
             self._reject(source, "another run")
         elif message.robot != source:
             self._reject(source, "claims to be another robot")
-        elif message.stamp_ns > now_ns:
-            self._reject(source, "stamped in the future")
+        elif message.stamp_ns != sent_ns:
+            self._reject(source, "stamped at another time than it was sent")
         else:
             return Stamped(source, message.stamp_ns, message.state)
         return None

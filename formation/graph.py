@@ -31,12 +31,19 @@ def algebraic_connectivity(matrix: NDArray[np.float64]) -> float:
     """
     if len(matrix) < 2:
         return float("inf")
-    return max(0.0, float(np.linalg.eigvalsh(matrix)[1]))
+    return _eigenvalue(matrix, 1)
 
 
 def smallest_eigenvalue(matrix: NDArray[np.float64], damping: Sequence[float]) -> float:
     """λ_min(L + diag μ)."""
-    return max(0.0, float(np.linalg.eigvalsh(matrix + np.diag(damping))[0]))
+    return _eigenvalue(matrix + np.diag(damping), 0)
+
+
+def _eigenvalue(matrix: NDArray[np.float64], index: int) -> float:
+    """An eigenvalue of a positive semidefinite matrix; what is rounding error only is 0."""
+    value = float(np.linalg.eigvalsh(matrix)[index])
+    noise = 1e-13 * len(matrix) * float(np.abs(matrix).max())
+    return value if value > noise else 0.0
 
 
 def components(robots: Sequence[int], edges: Sequence[tuple[int, int]]) -> list[list[int]]:

@@ -15,6 +15,8 @@ from typing import Any, Final, NamedTuple
 
 import msgpack
 
+from formation.record import LinkRow
+
 PROTOCOL: Final = 1
 """Version of the messages; a robot and a plant must agree on it."""
 
@@ -34,6 +36,11 @@ class State(NamedTuple):
     heading_rad: float
     speed_mps: float
     turn_rate_radps: float
+
+
+def finite(state: State) -> bool:
+    """Whether every component is finite."""
+    return math.isfinite(sum(state)) or all(map(math.isfinite, state))  # a finite sum is the rule
 
 
 class Stamped(NamedTuple):
@@ -76,9 +83,10 @@ class Broadcast(NamedTuple):
             raise MessageError("malformed: run, robot, sequence or time stamp has a wrong type")
         if not (type(x) is type(y) is type(heading) is type(speed) is type(turn_rate) is float):
             raise MessageError("malformed: pose or velocity is not a float")
-        if not math.isfinite(x + y + heading + speed + turn_rate):
+        state = State(x, y, heading, speed, turn_rate)
+        if not finite(state):
             raise MessageError("not finite: pose or velocity")
-        return cls(run, robot, sequence, stamp_ns, State(x, y, heading, speed, turn_rate))
+        return cls(run, robot, sequence, stamp_ns, state)
 
 
 class Envelope(NamedTuple):
@@ -160,7 +168,7 @@ class Links(NamedTuple):
     """Robot to plant: fates of messages on my incoming links (rows of ``record.LinkRow``)."""
 
     robot: int
-    rows: list[Any]
+    rows: list[LinkRow]
 
 
 class Rejected(NamedTuple):
@@ -206,8 +214,8 @@ _SENSE: Final = _TAGS[Sense]
 def _unpack(data: bytes) -> Any:
     try:
         return msgpack.unpackb(data)
-    except Exception as error:  # msgpack raises many kinds; all mean the same here
-        raise MessageError(f"malformed: not msgpack ({error or type(error).__name__})") from None
+    except Exception:  # msgpack raises many kinds; all mean the same here
+        raise MessageError("malformed: not msgpack") from None
 
 
 def encode(message: Message) -> bytes:
@@ -238,4 +246,17 @@ def decode(data: bytes) -> Message:
     kind = _KINDS[tag]
     if [type(value) for value in fields[1:]] != list(_FIELD_TYPES[kind]):
         raise MessageError(f"malformed: {kind.__name__}")
-    return kind(*fields[1:])
+    message = kind(*fields[1:])
+    if isinstance(message, Waiting) and any(type(robot) is not int for robot in message.neighbours):
+        raise MessageError("malformed: Waiting")
+    if isinstance(message, Links):
+        return Links(message.robot, [_link_row(row) for row in message.rows])
+    return message
+
+
+def _link_row(row: Any) -> LinkRow:
+    kinds = [type(value) for value in row] if type(row) is list else []
+    usable = kinds[1:2] in ([int], [type(None)])
+    if not usable or [*kinds[:1], *kinds[2:]] != [int, int, int, int, str]:
+        raise MessageError("malformed: Links")
+    return LinkRow(*row)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from formation.graph import algebraic_connectivity, components, laplacian, smallest_eigenvalue
 from formation.scenario import Scenario
-from netem.settings import ConstantDelaySettings
 
 CLAIMS = ("formation", "heading", "centroid")
 """Eqs. 3, 4 and 5, by the names they have in ``[expect]``."""
@@ -49,7 +48,7 @@ def assess(scenario: Scenario) -> Assessment:
     claims = (
         {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
     )
-    warnings = [*broken, *_expectation_warnings(scenario, theorem, claims, why)]
+    warnings = [*broken, *_expectation_warnings(scenario, theorem, claims, gaps)]
     if theorem in (2, 4) and scenario.law.cross_term == "printed" and margin <= 0.25:
         warnings.append(
             f"law.cross_term: β λ_min(L + diag μ) = {margin:.3g} is not above 1/4, so the term "
@@ -79,24 +78,25 @@ def _uncovered(scenario: Scenario) -> list[str]:
         gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
     if law.delta == "printed":
         gaps.append("Δ has the sign printed in Eq. 19, with which the proofs fail")
-    delays: dict[int, set[float]] = {}
+    delays: dict[int, set[int]] = {}
     for source, destination in scenario.directed_links:
         settings = network.settings(source, destination)
         place = f"the link from {source} to {destination}"
-        if not isinstance(settings.delay, ConstantDelaySettings):
+        delay_ns = settings.delay.constant_ns
+        if delay_ns is None:
             gaps.append(f"the delay on {place} is not constant")
             break
         if settings.loss.probability > 0.0:
             gaps.append(f"{place} loses messages")
             break
-        delays.setdefault(source, set()).add(settings.delay.mean_s)
+        delays.setdefault(source, set()).add(delay_ns)
     uneven = [source for source, values in delays.items() if len(values) > 1]
     if uneven:
         gaps.append(
             f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
         )
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
-    if not damped and any(value > 0.0 for values in delays.values() for value in values):
+    if not damped and any(value > 0 for values in delays.values() for value in values):
         gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
     if law.level == "dynamic":
         gaps.extend(_outside_model(scenario))
@@ -123,8 +123,7 @@ def _outside_model(scenario: Scenario) -> list[str]:
 
 def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
     delayed = any(
-        scenario.network.settings(*link).delay != ConstantDelaySettings()
-        for link in scenario.directed_links
+        scenario.network.settings(*link).delay.constant_ns != 0 for link in scenario.directed_links
     )
     kinematic = scenario.law.level == "kinematic"
     theorem = (5 if kinematic else 6) if delayed else (1 if kinematic else 3) + damped
@@ -139,7 +138,7 @@ def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
 
 
 def _expectation_warnings(
-    scenario: Scenario, theorem: int | None, claims: dict[str, bool], why: str
+    scenario: Scenario, theorem: int | None, claims: dict[str, bool], gaps: list[str]
 ) -> list[str]:
     expect = scenario.expect
     if expect is None:
@@ -152,7 +151,9 @@ def _expectation_warnings(
         )
     stated = {claim: getattr(expect, claim) for claim in CLAIMS}
     if theorem is None and any(stated.values()):
-        warnings.append(f"[expect] claims what no theorem covers ({why})")
+        warnings.append(
+            "[expect] claims what no theorem covers" + (f": {'; '.join(gaps)}" if gaps else "")
+        )
     elif theorem is not None:
         warnings += [
             f"expect.{claim} = true, but Theorem {theorem} does not claim it"

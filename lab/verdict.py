@@ -12,6 +12,7 @@ from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
 from lab.recording import Recording, Trajectories, trajectory_sha256
+from netem.settings import nanoseconds
 
 
 def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
@@ -19,8 +20,8 @@ def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
 
     A claim is judged over the last ``expect.window_s`` of the run: it is
     observed if the error stays within its tolerance at every recorded instant
-    of that stretch, and holds if that is what was expected. A run that did not
-    complete observes nothing.
+    of that stretch, and holds if that is what was expected. In a run that
+    diverged no equation holds; one that ended early in another way is not judged.
     """
     scenario, outcome = recording.scenario, recording.outcome
     assert outcome is not None
@@ -29,7 +30,7 @@ def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
     expect = scenario.expect or Expect()
     tolerances = tolerances_of(expect)
     completed = outcome.kind == "completed"
-    window = trajectories.t_s >= outcome.t_ns / 1e9 - window_s(scenario)
+    window = trajectories.t_ns >= outcome.t_ns - nanoseconds(window_s(scenario))
     claims = {}
     for claim, series in by_claim(found).items():
         expected = getattr(expect, claim)

@@ -25,6 +25,11 @@ class ConstantDelaySettings(BaseModel):
     distribution: Literal["constant"] = "constant"
     mean_s: Seconds = 0.0
 
+    @property
+    def constant_ns(self) -> int | None:
+        """The delay if every message has the same one."""
+        return nanoseconds(self.mean_s)
+
     def impairment(self) -> Impairment:
         return ConstantDelay(nanoseconds(self.mean_s))
 
@@ -42,6 +47,12 @@ class UniformDelaySettings(BaseModel):
         if self.low_s > self.high_s:
             raise ValueError(f"low_s = {self.low_s} must not exceed high_s = {self.high_s}")
         return self
+
+    @property
+    def constant_ns(self) -> int | None:
+        """The delay if every message has the same one."""
+        low, high = nanoseconds(self.low_s), nanoseconds(self.high_s)
+        return low if low == high else None
 
     def impairment(self) -> Impairment:
         return UniformDelay(nanoseconds(self.low_s), nanoseconds(self.high_s))

@@ -35,7 +35,7 @@ from formation.messages import (
     encode,
 )
 from formation.process import on_stop
-from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Samples, Sink, writer
+from formation.record import Event, LinkRows, Outcome, Record, Samples, Sink, writer
 from formation.scenario import Scenario
 from plant.world import DIVERGED, World
 
@@ -182,7 +182,7 @@ class PlantProcess:
         if isinstance(message, Samples | Event):
             self._sink(message)
         elif isinstance(message, Links):
-            self._sink(LinkRows([LinkRow(*row) for row in message.rows]))
+            self._sink(LinkRows(message.rows))
         elif isinstance(message, Rejected):
             self._sink(
                 Event(

@@ -9,17 +9,16 @@ N + 1 samples and every sample has its command.
 import math
 from typing import NamedTuple
 
-from formation.messages import Drive, Sense, State
+from formation.messages import Drive, Sense, State, finite
 from formation.record import Sample
 from formation.scenario import Scenario
 from plant.body import Body, driven, steered
-
 
 DIVERGED = "its command, or the state it leads to, is not finite"
 
 
 class Diverged(NamedTuple):
-    """A robot's command at ``t_ns``, or where it leads, is not finite: the run can go no further."""
+    """A robot's command at ``t_ns``, or where it leads, is not finite."""
 
     t_ns: int
     robot: int
@@ -98,7 +97,7 @@ class World:
         """Where the drive takes the robot; not finite if the drive is not."""
         if self.tick == self._ticks:
             return state
-        if not math.isfinite(drive.right + drive.left):
+        if not (math.isfinite(drive.right) and math.isfinite(drive.left)):
             return State(*[math.nan] * 5)
         if self._dynamic:
             return driven(self._bodies[robot], state, drive.right, drive.left, self._period_s)
@@ -107,7 +106,7 @@ class World:
     def _divergence(self) -> Diverged | None:
         """The first robot (in file order, so that arrival order does not matter) to blow up."""
         for robot in self.ids:
-            if not math.isfinite(sum(self._next[robot])):
+            if not finite(self._next[robot]):
                 return Diverged(self.t_ns, robot)
         return None
 

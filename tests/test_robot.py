@@ -412,8 +412,8 @@ PAYLOADS = [
     (broadcast(robot=RIGHT), "claims to be another robot"),
     (broadcast(robot=ME), "claims to be another robot"),
     (broadcast(robot=99), "claims to be another robot"),
-    (broadcast(stamp_ns=3 * MS + 1), "stamped in the future"),
-    (broadcast(stamp_ns=2**64 - 1), "stamped in the future"),
+    (broadcast(stamp_ns=3 * MS + 1), "stamped at another time than it was sent"),
+    (broadcast(stamp_ns=2**64 - 1), "stamped at another time than it was sent"),
 ]
 
 
