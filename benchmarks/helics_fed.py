@@ -13,12 +13,13 @@ The scheme is the cheapest correct one found with HELICS 3.6:
   these senses and publish, and the plant is granted k + 1 with these drives. So
   every federate asks for time once a tick, and nobody iterates. The other order
   that needs one request a tick, a common grid on which the plant waits for the
-  current time's updates, costs the same.
+  current time's updates, costs the same without the next point and stalls with it.
 - Time is coordinated by the broker (``--globaltime``) instead of among federates:
   half the cost, because neighbours do not have to tell each other their times.
 - Federates cannot be interrupted; the broker runs inside the plant's process, which
-  spares a process; the core is HELICS's default, zmq. TCP cores cost the same
-  within the noise, UDP and single-socket zmq more, and shared memory failed.
+  spares a process; the core is HELICS's default, zmq. TCP cores (``--helics-core
+  tcp``, ``tcp_ss``) cost the same within the noise, single-socket zmq no less, UDP
+  lost messages, and shared memory failed.
 
 It favours HELICS: a broadcast published at k + 0.5 is read at k + 1.5, where formnet
 delivers it within the tick, which would take HELICS a third grant at broadcast

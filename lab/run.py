@@ -13,11 +13,11 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from agent.law import accepts
-from formation.loading import ScenarioError, load
+from formation.loading import Problem, ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
 from formation.theory import assess
@@ -28,9 +28,9 @@ from lab.recording import Recording, RunExists
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
 
 CLAIM_TITLES = {
-    "formation": ("formation", "Eq. 3", "m"),
-    "heading": ("heading", "Eq. 4", "rad"),
-    "centroid": ("centroid", "Eq. 5", "m"),
+    "formation": ("formation (Eq. 3)", "m"),
+    "heading": ("heading (Eq. 4)", "rad"),
+    "centroid": ("centroid (Eq. 5)", "m"),
 }
 
 
@@ -68,8 +68,6 @@ def load_checked(path: Path, overrides: tuple[str, ...]) -> Scenario:
     scenario = load(path, overrides)
     problem = accepts(scenario)
     if problem is not None:
-        from formation.loading import Problem
-
         raise ScenarioError(str(path), [Problem("law.kind", repr(scenario.law.kind), problem)])
     return scenario
 
@@ -123,19 +121,21 @@ def _conclude(
 
 def _table(judged: dict[str, Any]) -> Table:
     table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left")
-    for column in ("claim", "equation", "expected", "observed", "largest error at the end",
-                   "tolerance", "verdict"):  # fmt: skip
-        table.add_column(column, justify="left" if column in ("claim", "equation") else "right")
+    for column in ("claim", "expected", "observed", "error at end", "tolerance", "verdict"):
+        table.add_column(column, justify="left" if column == "claim" else "right", no_wrap=True)
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
     words = {True: "yes", False: "no", None: "-"}
     for claim, entry in judged["claims"].items():
-        title, equation, unit = CLAIM_TITLES[claim]
+        title, unit = CLAIM_TITLES[claim]
         largest = entry["largest_in_window"]
         table.add_row(
-            title, equation, words[entry["expected"]], words[entry["observed"]],
-            "-" if largest is None else f"{largest:.3g} {unit}",
-            f"{entry['tolerance']:g} {unit}", marks[entry["holds"]],
-        )  # fmt: skip
+            title,
+            words[entry["expected"]],
+            words[entry["observed"]],
+            "-" if largest is None else f"{largest:.2e} {unit}",
+            f"{entry['tolerance']:g} {unit}",
+            marks[entry["holds"]],
+        )
     return table
 
 
@@ -172,12 +172,9 @@ class _Watch:
         self._ended: float | None = None
         self._drawn = 0.0
         self._progress = Progress(
-            TextColumn("{task.description}"), BarColumn(bar_width=24),
-            TextColumn("{task.fields[status]}"), TimeElapsedColumn(), console=console,
-        )  # fmt: skip
-        self._task = self._progress.add_task(
-            "starting", total=recording.scenario.duration_s, status=""
+            BarColumn(bar_width=12), TextColumn("{task.description}"), console=console
         )
+        self._task = self._progress.add_task("starting", total=recording.scenario.duration_s)
 
     def __enter__(self) -> "_Watch":
         self._progress.start()
@@ -221,12 +218,13 @@ class _Watch:
             return
         t_s = float(latest.t_s[-1])
         found = verdict.error_series(self._recording.scenario, latest)
+        speed = t_s / max(self.wall_s, 1e-9)
+        errors = " ".join(
+            f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items()
+        )
         self._progress.update(
-            self._task, completed=t_s, description=self._recording.scenario.name,
-            status=f"t = {t_s:6.2f} s  {t_s / max(self.wall_s, 1e-9):5.2f} ×  "
-            f"formation {found.formation_m[-1]:.2e} m  heading {found.heading_rad[-1]:.2e} rad  "
-            f"centroid {found.centroid_m[-1]:.2e} m",
-        )  # fmt: skip
+            self._task, completed=t_s, description=f"t = {t_s:.1f} s  {speed:.2g} ×  {errors}"
+        )
 
 
 @contextmanager
