@@ -12,11 +12,11 @@ Plain floats and no arrays: for two-vectors that is an order of magnitude faster
 than NumPy, and this runs once per robot and control period.
 """
 
-import math
+from math import cos, exp, hypot, sin
 
-from agent.excitation import Excitation, excitation
+from agent.excitation import Excitation, W1Signal
 from agent.law import Command, Situation, parameters
-from formation.messages import Stamped, State
+from formation.messages import Stamped, State, make
 
 Coordinates = tuple[float, float, float, float, float, float, float, float, float]
 """(ζ2, ζ3, z2, S, u1, u2, ζ̇3, ż2, Ṡ) of one robot at one instant, S = z1 + Δ (Eqs. 8, 19).
@@ -34,33 +34,35 @@ class CooperativeLaw:
 
     def __init__(self, situation: Situation) -> None:
         settings, body = situation.settings, situation.body
-        self._w1 = settings.w1
+        self._w1 = W1Signal(settings.w1)
         self._beta = settings.beta
         self._delta_sign = 1.0 if settings.delta == "corrected" else -1.0
         self._compensated = settings.cross_term == "compensated"
         self._dynamic = settings.level == "dynamic"
-        self._gain = settings.feedback_gain
         self._inertia_shaped = settings.feedback_shape == "inertia"
-        self._rho = body.robust_bound if settings.robust else 0.0
-        self._gamma = settings.gamma
-        self._epsilon = settings.boundary_layer
         self._scale = settings.length_scale_m
         self._own_offset = self._scaled(situation.offsets_m[situation.robot])
         self._offsets = {i: self._scaled(situation.offsets_m[i]) for i in situation.coupling}
         self._coupling = dict(situation.coupling)
         self._damping = situation.damping
-        self._a1, self._a2, self._a3 = parameters(
-            body.mass_kg, body.inertia_kgm2, body.com_offset_m, self._scale
-        )
+        a_estimate = parameters(body.mass_kg, body.inertia_kgm2, body.com_offset_m, self._scale)
         self._com_uncertain = body.com_uncertain
-        self._half_axle = body.half_axle_m
-        self._wheel_radius = body.wheel_radius_m
+        self._constants = (
+            *a_estimate,
+            settings.feedback_gain,
+            body.robust_bound if settings.robust else 0.0,
+            settings.boundary_layer,
+            settings.gamma,
+            self._scale,
+            body.half_axle_m,
+            0.5 * body.wheel_radius_m,
+        )
         self._summed: tuple[tuple[Stamped, ...], NeighbourSums] = ((), (0.0,) * 5)
 
     def command(self, now_ns: int, own: State, heard: tuple[Stamped, ...]) -> Command:
         """See :meth:`agent.law.Law.command`."""
         t_s = now_ns * 1e-9
-        w = excitation(self._w1, t_s)
+        w = self._w1.at(t_s)
         me = self._coordinates(own, self._own_offset, w)
         _, z3, z2, big_s, _, _, z3_dot, z2_dot, s_dot = me
         if heard is not self._summed[0]:
@@ -99,6 +101,7 @@ class CooperativeLaw:
         eta1: float, eta2: float, eta1_dot: float, eta2_dot: float,
     ) -> Command:  # fmt: skip
         """Eqs. 29-31 and the wheel torques that give the wrench B̄τ."""
+        a1, a2, a3, gain, rho, epsilon, gamma, scale, half_axle, half_radius = self._constants
         _, zeta3, z2, big_s, u1, u2, zeta3_dot, _, _ = me
         e1, e2 = u1 - eta1, u2 - eta2
         # Rows of the regressor Ȳ(ζ, ζ̇, η, η̇) of Property 4 for a = (m, I + m d², m d).
@@ -107,24 +110,21 @@ class CooperativeLaw:
         y13, y23 = (-omega * eta2, omega * eta1) if self._com_uncertain else (0.0, 0.0)
         # Π, Eq. 31 with a boundary layer ε: ρ Ȳᵀũ / (‖Ȳᵀũ‖ + ε exp(−γ t)).
         p1, p2, p3 = y11 * e1 + y21 * e2, y12 * e1, y13 * e1 + y23 * e2
-        denominator = math.hypot(p1, p2, p3) + self._epsilon * math.exp(-self._gamma * t_s)
-        share = self._rho / denominator if denominator > 0.0 else 0.0
-        a1, a2, a3 = self._a1, self._a2, self._a3
+        denominator = hypot(p1, p2, p3) + epsilon * exp(-gamma * t_s)
+        share = rho / denominator if denominator > 0.0 else 0.0
         r1, r2, r3 = a1 - share * p1, a2 - share * p2, a3 - share * p3
         # K ũ with K = k 1 or K = k M̄(q) from the estimates.
         if self._inertia_shaped:
-            k1 = (zeta3 * zeta3 * a1 + a2) * e1 + zeta3 * a1 * e2
-            k2 = zeta3 * a1 * e1 + a1 * e2
+            k2 = a1 * (zeta3 * e1 + e2)
+            k1 = zeta3 * k2 + a2 * e1
         else:
             k1, k2 = e1, e2
-        gain = self._gain
         wrench1 = -gain * k1 + y11 * r1 + y12 * r2 + y13 * r3 - big_s
         wrench2 = -gain * k2 + y21 * r1 + y23 * r3 - z2
         # B̄τ = [ζ3 f − n, f], f = (τ_r + τ_l)/R, n = L (τ_r − τ_l)/R.
-        force = wrench2 / self._scale
-        yaw = (zeta3 * wrench2 - wrench1) / self._half_axle
-        half_radius = 0.5 * self._wheel_radius
-        return Command(half_radius * (force + yaw), half_radius * (force - yaw))
+        force = wrench2 / scale
+        yaw = (zeta3 * wrench2 - wrench1) / half_axle
+        return make(Command, (half_radius * (force + yaw), half_radius * (force - yaw)))
 
     def _neighbour_sums(self, heard: tuple[Stamped, ...]) -> NeighbourSums:
         """What the neighbours contribute, each evaluated at its own stamp.
@@ -134,7 +134,7 @@ class CooperativeLaw:
         b = b_s = b_z2 = b_s_dot = b_z2_dot = 0.0
         for robot, stamp_ns, state in heard:
             weight = self._coupling[robot]
-            w = excitation(self._w1, stamp_ns * 1e-9)
+            w = self._w1.at(stamp_ns * 1e-9)
             _, _, z2, s, _, _, _, z2_dot, s_dot = self._coordinates(state, self._offsets[robot], w)
             b += weight
             b_s += weight * s
@@ -152,7 +152,7 @@ class CooperativeLaw:
         scale, beta = self._scale, self._beta
         integral, w1, w1_dot, _ = w
         dx, dy = x_m / scale - offset[0], y_m / scale - offset[1]
-        cosine, sine = math.cos(heading), math.sin(heading)
+        cosine, sine = cos(heading), sin(heading)
         zeta2 = dx * cosine + dy * sine
         zeta3 = dy * cosine - dx * sine
         u1 = -turn_rate

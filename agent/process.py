@@ -6,6 +6,7 @@ law itself. The main thread does everything slow: the start handshake, naming
 who is waited for, and the end.
 """
 
+import gc
 import queue
 import sys
 import threading
@@ -23,16 +24,17 @@ from formation.messages import (
     HELLO,
     PROTOCOL,
     Brief,
-    Drive,
     End,
     Envelope,
     Failed,
     Join,
     Links,
     Message,
+    MessageError,
     Ready,
     Sense,
     Waiting,
+    decode,
     encode,
 )
 from formation.process import on_stop
@@ -60,7 +62,7 @@ class RobotProcess:
         self._heard: set[int] = set()
         self._to_plant = bus.publisher(session, self._keys.from_robot(robot))
         self._subscriptions: list[Any] = [
-            bus.on_message(session, self._keys.to_robot(robot), self._from_plant, self._refuse)
+            session.declare_subscriber(self._keys.to_robot(robot), self._on_plant)
         ]
 
     def stop(self, reason: str = "stopped") -> None:
@@ -82,6 +84,7 @@ class RobotProcess:
             robot = Robot(scenario, self._id, run=self._run, law=make(scenario, self._id))
         except Exception as error:  # a plug-in's constructor may raise anything
             return self._fail(error)
+        gc.freeze()  # what start-up has made stays; do not scan it again and again
         self._robot = robot
         self._broadcast = bus.publisher(self._session, self._keys.broadcast(self._id))
         self._subscriptions += [
@@ -160,25 +163,30 @@ class RobotProcess:
 
     # --- Zenoh's threads -------------------------------------------------------------
 
-    def _from_plant(self, _robot: int, message: Message) -> None:
+    def _on_plant(self, sample: zenoh.Sample) -> None:
+        try:
+            message = decode(sample.payload.to_bytes())
+        except MessageError as error:
+            print(f"refused a message on the plant's key: {error}", file=sys.stderr, flush=True)
+            return
         if type(message) is not Sense:
             self._inbox.put(message)
             return
-        robot = self._robot
-        if robot is None:
+        robot, broadcast = self._robot, self._broadcast
+        if robot is None or broadcast is None:
             return
-        if not self._started.is_set():
+        if not message.tick and not self._started.is_set():
             self._started.set()
             self._inbox.put(Ready(self._id))  # wakes the handshake
         try:
             with self._lock:
-                for out in robot.on_sense(message):
-                    if isinstance(out, Drive):
-                        self._drive(robot, out)
-                    else:
-                        assert self._broadcast is not None
-                        payload, envelope = out
-                        self._broadcast.put(payload, attachment=envelope.pack())
+                outgoing, drive = robot.on_sense(message)
+                if drive is not None:
+                    self._to_plant.put(encode(drive))
+                if outgoing is not None:
+                    broadcast.put(outgoing.payload, attachment=outgoing.envelope.pack())
+                    if robot.unreported >= _FLUSH_ROWS:
+                        self._flush(robot)
         except LawFailed as error:
             self._fail(error)
 
@@ -195,17 +203,9 @@ class RobotProcess:
                     None if attachment is None else attachment.to_bytes(),
                 )
                 if drive is not None:
-                    self._drive(robot, drive)
+                    self._to_plant.put(encode(drive))
         except LawFailed as error:
             self._fail(error)
-
-    def _drive(self, robot: Robot, drive: Drive) -> None:
-        self._send(drive)
-        if robot.unreported >= _FLUSH_ROWS:
-            self._flush(robot)
-
-    def _refuse(self, _robot: int, reason: str) -> None:
-        print(f"refused a message on the plant's key: {reason}", file=sys.stderr, flush=True)
 
     def _on_plant_liveliness(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:

@@ -26,6 +26,7 @@ from formation.messages import (
     Rejected,
     Sense,
     Stamped,
+    make,
 )
 from formation.record import LinkRow
 from formation.scenario import Scenario
@@ -42,16 +43,14 @@ class LawFailed(RuntimeError):
         self.robot = robot
 
 
-def _pair(command: Any) -> tuple[float, float]:
+def _pair(command: Any) -> Command:
     """What a law returned, as two floats; a plug-in may return any two numbers."""
-    if type(command) is Command and type(command[0]) is type(command[1]) is float:
-        return command
     if isinstance(command, str | bytes | Mapping | Set):
         raise TypeError(f"the law must return two numbers, not {command!r}")
     first, second = command
     if not (isinstance(first, Real) and isinstance(second, Real)):
         raise TypeError(f"the law must return two numbers, not {command!r}")
-    return float(first), float(second)
+    return Command(float(first), float(second))
 
 
 class Outgoing(NamedTuple):
@@ -95,21 +94,16 @@ class Robot:
         self._rejections: Counter[tuple[int, str]] = Counter()
         self._unreported: dict[tuple[int, str], int] = {}
 
-    def on_sense(self, sense: Sense) -> list[Outgoing | Drive]:
-        """The plant's measurement at a tick; returns the broadcast, if due, and any answer.
+    def on_sense(self, sense: Sense) -> tuple[Outgoing | None, Drive | None]:
+        """The plant's measurement at a tick; returns the broadcast and the answer, if due.
 
         Raises:
             LawFailed: the law could not answer.
         """
         self._pending = sense
         self._latest_possible = sense.tick
-        out: list[Outgoing | Drive] = []
-        if sense.tick % self._every == 0:
-            out.append(self._broadcast(sense))
-        drive = self._answer()
-        if drive is not None:
-            out.append(drive)
-        return out
+        outgoing = None if sense.tick % self._every else self._broadcast(sense)
+        return outgoing, self._answer()
 
     def on_broadcast(self, source: int, payload: bytes, envelope: bytes | None) -> Drive | None:
         """A neighbour's broadcast has arrived at this robot's end of the link.
@@ -203,8 +197,10 @@ class Robot:
         if self._next_due_ns <= now_ns:
             self._collect(now_ns)
         try:
-            first, second = _pair(self._law.command(now_ns, state, self._newest))
-            return Drive(self.robot, tick, first, second)
+            command = self._law.command(now_ns, state, self._newest)
+            if not (type(command) is Command and type(command[0]) is type(command[1]) is float):
+                command = _pair(command)
+            return make(Drive, (self.robot, tick, command[0], command[1]))
         except Exception as error:  # a law may raise anything
             raise LawFailed(self.robot, f"{type(error).__name__}: {error}") from error
 

@@ -3,8 +3,8 @@
 A hub process stands for the plant and one client process for each robot, with
 formnet's own session settings, publishers, keys and message bytes, and with
 formnet's style: the next messages are put right in the subscription's callback.
-Nothing is decoded, checked, integrated or recorded; messages are counted, which
-suffices to know the tick, because each path is ordered and blocks rather than
+Messages are handed to Python as bytes, but nothing is decoded, checked,
+integrated or recorded; they are counted, which suffices to know the tick, because each path is ordered and blocks rather than
 drops. Per tick, as in :mod:`agent.robot`: the hub puts a sense to every client;
 a client puts its broadcast at every tenth tick, and its drive once it has
 counted both neighbours' broadcasts of the latest broadcast tick; the hub goes
@@ -67,7 +67,7 @@ class Hub:
         return self._ended_s - started_s
 
     def _from_robot(self, sample: zenoh.Sample) -> None:
-        if len(sample.payload) == 1:
+        if len(sample.payload.to_bytes()) == 1:
             self._greet(bus.last_number(sample.key_expr), sample.payload.to_bytes())
             return
         with self._lock:
@@ -140,7 +140,7 @@ class Client:
         self._ended.wait()
 
     def _on_sense(self, sample: zenoh.Sample) -> None:
-        if len(sample.payload) == 1:
+        if len(sample.payload.to_bytes()) == 1:
             self._acknowledged = True
             return
         with self._lock:
@@ -154,9 +154,11 @@ class Client:
             self._answer()
 
     def _on_broadcast(self, source: int, sample: zenoh.Sample) -> None:
-        if len(sample.payload) == 1:
+        if len(sample.payload.to_bytes()) == 1:
             self._heard.add(source)
             return
+        if sample.attachment is not None:
+            sample.attachment.to_bytes()
         with self._lock:
             self._counted[source] += 1
             if self._pending:

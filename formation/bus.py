@@ -6,14 +6,14 @@ router inside its process); everybody else is its client.
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
 from typing import Any
 
 import zenoh
 
-from formation.messages import MessageError, decode
+from formation.messages import Message, MessageError, decode
 
 LOOPBACK = "127.0.0.1"
 
@@ -95,20 +95,25 @@ def publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:
     )
 
 
-def on_message(
+def on_robots_message(
     opened: zenoh.Session,
-    key: str,
-    receive: Callable[[int, Any], None],
+    keys: Keys,
+    robots: Iterable[int],
+    receive: Callable[[int, Message], None],
     refuse: Callable[[int, str], None],
 ) -> Any:
-    """Subscribe to lockstep messages: ``receive(robot, message)``, robot taken from the key.
+    """Subscribe to what ``robots`` tell the plant: ``receive(robot, message)``, robot by its key.
 
-    What does not decode goes to ``refuse(robot, reason)``. Both are called on
-    the subscription's own thread.
+    What does not decode goes to ``refuse(robot, reason)``; what comes on the
+    key of no such robot is ignored. Both are called on the subscription's own
+    thread.
     """
+    senders = {keys.from_robot(robot): robot for robot in robots}
 
     def handle(sample: zenoh.Sample) -> None:
-        robot = last_number(sample.key_expr)
+        robot = senders.get(str(sample.key_expr))
+        if robot is None:
+            return
         try:
             message = decode(sample.payload.to_bytes())
         except MessageError as error:
@@ -116,7 +121,7 @@ def on_message(
         else:
             receive(robot, message)
 
-    return opened.declare_subscriber(key, handle)
+    return opened.declare_subscriber(keys.from_robots, handle)
 
 
 def _require_loopback(endpoint: str) -> None:

@@ -19,7 +19,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=Fals
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
-RobotId = Annotated[int, Field(ge=0)]
+RobotId = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
 class Table(BaseModel):

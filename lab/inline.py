@@ -37,16 +37,16 @@ def run(
     try:
         while True:
             for robot, sense in world.senses():
-                for out in robots[robot].on_sense(sense):
-                    if isinstance(out, Drive):
-                        drives.append(out)
-                        continue
-                    payload, envelope = out
-                    note = envelope.pack()
-                    for receiver in heard_by[robot]:
-                        drive = receiver.on_broadcast(robot, payload, note)
-                        if drive is not None:
-                            drives.append(drive)
+                outgoing, drive = robots[robot].on_sense(sense)
+                if drive is not None:
+                    drives.append(drive)
+                if outgoing is None:
+                    continue
+                payload, note = outgoing.payload, outgoing.envelope.pack()
+                for receiver in heard_by[robot]:
+                    drive = receiver.on_broadcast(robot, payload, note)
+                    if drive is not None:
+                        drives.append(drive)
             while drives:
                 world.on_drive(drives.popleft())
             if world.finished:

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, field
 from math import cos, sin
 
-from formation.messages import State
+from formation.messages import State, make
 from formation.scenario import Vehicle
 
 # Gauss-Legendre collocation with three stages, order 6 (Hairer, Nørsett, Wanner,
@@ -103,9 +103,10 @@ class Body:
 
 def driven(body: Body, state: State, right_nm: float, left_nm: float, period_s: float) -> State:
     """The state after ``period_s`` under constant wheel torques (N m)."""
-    right, left = body.saturated(right_nm), body.saturated(left_nm)
-    force = (right + left) / body.wheel_radius_m
-    yaw = body.half_axle_m * (right - left) / body.wheel_radius_m
+    if body.torque_limit_nm != math.inf:
+        right_nm, left_nm = body.saturated(right_nm), body.saturated(left_nm)
+    force = (right_nm + left_nm) / body.wheel_radius_m
+    yaw = body.half_axle_m * (right_nm - left_nm) / body.wheel_radius_m
     v_dot, w_dot = body.accelerations(state[3], state[4], force, yaw)
     turn = (abs(state[4]) + abs(w_dot) * period_s) * period_s
     even = body.accelerates_evenly
@@ -113,7 +114,9 @@ def driven(body: Body, state: State, right_nm: float, left_nm: float, period_s: 
         turn += body.stiffness(abs(state[3]) + abs(v_dot) * period_s) * period_s
     if not turn < MOST_TURN_PER_PERIOD:  # also NaN: the plant reports divergence
         return State(math.nan, math.nan, math.nan, math.nan, math.nan)
-    steps = 1 if turn <= MOST_TURN_PER_STEP else math.ceil(turn / MOST_TURN_PER_STEP)
+    if even and turn <= MOST_TURN_PER_STEP:
+        return _even_step(state, v_dot, w_dot, period_s)
+    steps = max(1, math.ceil(turn / MOST_TURN_PER_STEP))
     for _ in range(steps):
         state = (
             _even_step(state, v_dot, w_dot, period_s / steps)
@@ -136,12 +139,15 @@ def _even_step(state: State, v_dot: float, w_dot: float, h: float) -> State:
     a1 = heading + t1 * (w + half * t1)
     a2 = heading + t2 * (w + half * t2)
     a3 = heading + t3 * (w + half * t3)
-    return State(
-        x + h * (v1 * cos(a1) + v2 * cos(a2) + v3 * cos(a3)),
-        y + h * (v1 * sin(a1) + v2 * sin(a2) + v3 * sin(a3)),
-        heading + h * (w + half * h),
-        v + v_dot * h,
-        w + w_dot * h,
+    return make(
+        State,
+        (
+            x + h * (v1 * cos(a1) + v2 * cos(a2) + v3 * cos(a3)),
+            y + h * (v1 * sin(a1) + v2 * sin(a2) + v3 * sin(a3)),
+            heading + h * (w + half * h),
+            v + v_dot * h,
+            w + w_dot * h,
+        ),
     )
 
 

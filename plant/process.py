@@ -5,6 +5,7 @@ when a tick is complete; the main thread does the handshake, the record stream,
 and everything that goes wrong.
 """
 
+import gc
 import os
 import queue
 import sys
@@ -87,12 +88,13 @@ class PlantProcess:
         self._to_robots = {
             robot: bus.publisher(session, keys.to_robot(robot)) for robot in scenario.ids
         }
+        self._puts = {robot: publisher.put for robot, publisher in self._to_robots.items()}
         self._subscriptions: list[Any] = [
             session.liveliness().declare_token(keys.plant_alive),
             session.liveliness().declare_subscriber(
                 keys.robots_alive, self._on_robot_liveliness, history=True
             ),
-            bus.on_message(session, keys.from_robots, self._from_robot, self._refuse),
+            bus.on_robots_message(session, keys, scenario.ids, self._from_robot, self._refuse),
         ]
 
     def stop(self) -> None:
@@ -104,6 +106,7 @@ class PlantProcess:
         try:
             self._gather()
             self._sink(Event("started", 0, {"robots": self._scenario.ids}))
+            gc.freeze()  # what start-up has made stays; do not scan it again and again
             self._running = True
             self._sense()
             self._attend()
@@ -239,17 +242,19 @@ class PlantProcess:
             if self._running:
                 self._on_drive(robot, message)
 
-    def _on_drive(self, robot: int, message: Drive) -> None:
+    def _on_drive(self, robot: int, drive: Drive) -> None:
         try:
-            if message.robot != robot:
-                raise ValueError(f"claims to be robot {message.robot}")
-            complete = self._world.on_drive(message)
+            if drive.robot != robot:
+                raise ValueError(f"claims to be robot {drive.robot}")
+            complete = self._world.on_drive(drive)
         except ValueError as error:
             self._refuse(robot, str(error))
             return
         except Exception as error:  # our own mistake: it must not hang the run
             traceback.print_exc()
             self._inbox.put(self._outcome("broken", robot, f"{type(error).__name__}: {error}"))
+            return
+        if not complete:
             return
         if self._world.finished:
             self._running = False
@@ -259,14 +264,14 @@ class PlantProcess:
                 if diverged is None
                 else self._outcome("diverged", diverged.robot, DIVERGED)
             )
-        elif complete:
+        else:
             self._sense()
             if self._world.tick % _FLUSH_TICKS == 0:
                 self._inbox.put(Samples(self._world.take_samples()))
 
     def _sense(self) -> None:
         for robot, sense in self._world.senses():
-            self._tell(robot, sense)
+            self._puts[robot](encode(sense))
 
     def _refuse(self, robot: int, reason: str) -> None:
         """Count a bad message; report it at the first and then at every doubling."""

@@ -9,7 +9,7 @@ N + 1 samples and every sample has its command.
 import math
 from typing import NamedTuple
 
-from formation.messages import Drive, Sense, State, finite
+from formation.messages import Drive, Sense, State, finite, make
 from formation.record import Sample
 from formation.scenario import Scenario
 from plant.body import Body, driven, steered
@@ -32,6 +32,7 @@ class World:
         self.tick = 0
         self.finished = False
         self.diverged: Diverged | None = None
+        self._count = len(self.ids)
         self._ticks = scenario.ticks
         self._period_ns = scenario.clock.control_period_ns
         self._period_s = self._period_ns * 1e-9
@@ -50,7 +51,8 @@ class World:
 
     def senses(self) -> list[tuple[int, Sense]]:
         """What to tell each robot at the current tick."""
-        return [(robot, Sense(self.tick, self._states[robot])) for robot in self.ids]
+        tick = self.tick
+        return [(robot, make(Sense, (tick, state))) for robot, state in self._states.items()]
 
     def awaited(self) -> list[int]:
         """Robots whose answer the current tick still lacks."""
@@ -72,7 +74,7 @@ class World:
         if self.tick % self._record_every == 0 or self.tick == self._ticks:
             self._record(robot, state, drive)
         self._next[robot] = self._moved(robot, state, drive)
-        if len(self._next) < len(self.ids):
+        if len(self._next) < self._count:
             return False
         self._complete()
         return True
@@ -90,7 +92,7 @@ class World:
         if self.tick == self._ticks or self.diverged is not None:
             self.finished = True
             return
-        self._states, self._next = self._next, {}
+        self._states, self._next = {robot: self._next[robot] for robot in self.ids}, {}
         self.tick += 1
 
     def _moved(self, robot: int, state: State, drive: Drive) -> State:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from agent.cooperative import CooperativeLaw
-from agent.excitation import excitation
+from agent.excitation import W1Signal
 from agent.law import BodyEstimate, Situation, parameters
 from formation.messages import Stamped, State
 from formation.scenario import W1, LawSettings
@@ -48,15 +48,15 @@ def situation(
 @given(times, st.floats(-1, 1), st.floats(-1, 1), st.floats(0.1, 5.0))
 @settings(max_examples=30, deadline=None)
 def test_excitation_against_quadrature_and_differences(t, bias, amplitude, omega):
-    w1 = W1(bias=bias, amplitude=amplitude, frequency_radps=omega)
-    now = excitation(w1, t)
-    integral, _ = quad(lambda s: bias + amplitude * np.sin(omega * s), 0.0, t, limit=200)
-    assert now.integral == pytest.approx(integral, abs=1e-7)
-    assert now.value == pytest.approx(bias + amplitude * np.sin(omega * t), abs=1e-12)
+    signal = W1Signal(W1(bias=bias, amplitude=amplitude, frequency_radps=omega))
+    integral, value, rate, acceleration = signal.at(t)
+    expected, _ = quad(lambda s: bias + amplitude * np.sin(omega * s), 0.0, t, limit=200)
+    assert integral == pytest.approx(expected, abs=1e-7)
+    assert value == pytest.approx(bias + amplitude * np.sin(omega * t), abs=1e-12)
     h = 1e-5
-    after, before = excitation(w1, t + h), excitation(w1, t - h)
-    assert now.rate == pytest.approx((after.value - before.value) / (2 * h), abs=1e-6)
-    assert now.acceleration == pytest.approx((after.rate - before.rate) / (2 * h), abs=1e-6)
+    after, before = signal.at(t + h), signal.at(t - h)
+    assert rate == pytest.approx((after[1] - before[1]) / (2 * h), abs=1e-6)
+    assert acceleration == pytest.approx((after[2] - before[2]) / (2 * h), abs=1e-6)
 
 
 # --- an independent reading of the law, with matrices ---------------------------------
