@@ -4,12 +4,12 @@ A hub process stands for the plant and one client process for each robot, with
 formnet's own session settings, publishers, keys and message bytes, and with
 formnet's style: the next messages are put right in the subscription's callback.
 Messages are handed to Python as bytes, but nothing is decoded, checked,
-integrated or recorded; they are counted, which suffices to know the tick, because each path is ordered and blocks rather than
-drops. Per tick, as in :mod:`agent.robot`: the hub puts a sense to every client;
-a client puts its broadcast at every tenth tick, and its drive once it has
-counted both neighbours' broadcasts of the latest broadcast tick; the hub goes
-on when it has counted all drives. The hub's clock runs from the first sense to
-the last drive.
+integrated or recorded; they are counted, which suffices to know the tick,
+because each path is ordered and blocks rather than drops. Per tick, as in
+:mod:`agent.robot`: the hub puts a sense to every client; a client puts its
+broadcast at every tenth tick, and its drive once it has counted both
+neighbours' broadcasts of the latest broadcast tick; the hub goes on when it has
+counted all drives. The hub's clock runs from the first sense to the last drive.
 
 Before that, every path is proven by a message that came through it, repeated
 until answered: a client says hello to the hub (the hub answers) and to its

@@ -88,7 +88,8 @@ class PlantProcess:
         self._to_robots = {
             robot: bus.publisher(session, keys.to_robot(robot)) for robot in scenario.ids
         }
-        self._puts = {robot: publisher.put for robot, publisher in self._to_robots.items()}
+        self._puts = [(robot, publisher.put) for robot, publisher in self._to_robots.items()]
+        self._prepared: dict[int, bytes] = {}  # each robot's next sense, as soon as it is known
         self._subscriptions: list[Any] = [
             session.liveliness().declare_token(keys.plant_alive),
             session.liveliness().declare_subscriber(
@@ -108,7 +109,8 @@ class PlantProcess:
             self._sink(Event("started", 0, {"robots": self._scenario.ids}))
             gc.freeze()  # what start-up has made stays; do not scan it again and again
             self._running = True
-            self._sense()
+            for robot, sense in self._world.senses():
+                self._tell(robot, sense)
             self._attend()
         except _Ended as end:
             outcome = end.outcome
@@ -243,10 +245,11 @@ class PlantProcess:
                 self._on_drive(robot, message)
 
     def _on_drive(self, robot: int, drive: Drive) -> None:
+        world = self._world
         try:
             if drive.robot != robot:
                 raise ValueError(f"claims to be robot {drive.robot}")
-            complete = self._world.on_drive(drive)
+            self._prepared[robot] = encode(world.on_drive(drive))
         except ValueError as error:
             self._refuse(robot, str(error))
             return
@@ -254,24 +257,19 @@ class PlantProcess:
             traceback.print_exc()
             self._inbox.put(self._outcome("broken", robot, f"{type(error).__name__}: {error}"))
             return
-        if not complete:
-            return
-        if self._world.finished:
+        if world.finished:
             self._running = False
-            diverged = self._world.diverged
+            diverged = world.diverged
             self._inbox.put(
                 self._outcome("completed", None, "")
                 if diverged is None
                 else self._outcome("diverged", diverged.robot, DIVERGED)
             )
-        else:
-            self._sense()
-            if self._world.tick % _FLUSH_TICKS == 0:
-                self._inbox.put(Samples(self._world.take_samples()))
-
-    def _sense(self) -> None:
-        for robot, sense in self._world.senses():
-            self._puts[robot](encode(sense))
+        elif world.tick > drive.tick:
+            for robot, put in self._puts:
+                put(self._prepared[robot])
+            if world.tick % _FLUSH_TICKS == 0:
+                self._inbox.put(Samples(world.take_samples()))
 
     def _refuse(self, robot: int, reason: str) -> None:
         """Count a bad message; report it at the first and then at every doubling."""

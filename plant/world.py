@@ -43,6 +43,8 @@ class World:
         self._next: dict[int, State] = {}
         self._samples: list[Sample] = []
         self._row: dict[int, Sample] = {}
+        self._recording = True  # whether this tick is
+        self._blown: list[int] = []  # robots whose next state is not finite
 
     @property
     def t_ns(self) -> int:
@@ -51,15 +53,16 @@ class World:
 
     def senses(self) -> list[tuple[int, Sense]]:
         """What to tell each robot at the current tick."""
-        tick = self.tick
-        return [(robot, make(Sense, (tick, state))) for robot, state in self._states.items()]
+        return [(robot, make(Sense, (self.tick, self._states[robot]))) for robot in self.ids]
 
     def awaited(self) -> list[int]:
         """Robots whose answer the current tick still lacks."""
         return [] if self.finished else [r for r in self.ids if r not in self._next]
 
-    def on_drive(self, drive: Drive) -> bool:
-        """One robot's answer. Returns whether it completed the tick.
+    def on_drive(self, drive: Drive) -> Sense:
+        """One robot's answer; returns what it will be told at the next tick.
+
+        The last answer of a tick moves ``tick`` on, or sets ``finished``.
 
         Raises:
             ValueError: from an unknown robot, for another tick, or a second answer.
@@ -71,13 +74,14 @@ class World:
                 f"unexpected drive of robot {robot} for tick {drive.tick} (the plant is at "
                 f"tick {self.tick} and awaits robots {self.awaited()})"
             )
-        if self.tick % self._record_every == 0 or self.tick == self._ticks:
+        if self._recording:
             self._record(robot, state, drive)
-        self._next[robot] = self._moved(robot, state, drive)
-        if len(self._next) < self._count:
-            return False
-        self._complete()
-        return True
+        self._next[robot] = reached = self._moved(robot, state, drive)
+        if not finite(reached):
+            self._blown.append(robot)
+        if len(self._next) == self._count:
+            self._complete()
+        return make(Sense, (drive.tick + 1, reached))
 
     def take_samples(self) -> list[Sample]:
         """Recorded samples since the last call, whole ticks only, in tick and file order."""
@@ -88,12 +92,15 @@ class World:
         if self._row:
             self._samples.extend(self._row[robot] for robot in self.ids)
             self._row = {}
-        self.diverged = self._divergence()
-        if self.tick == self._ticks or self.diverged is not None:
+        if self._blown:  # the first in file order: the order of arrival must not matter
+            first = next(robot for robot in self.ids if robot in self._blown)
+            self.diverged = Diverged(self.t_ns, first)
+        if self.tick == self._ticks or self._blown:
             self.finished = True
             return
-        self._states, self._next = {robot: self._next[robot] for robot in self.ids}, {}
+        self._states, self._next = self._next, {}
         self.tick += 1
+        self._recording = self.tick % self._record_every == 0 or self.tick == self._ticks
 
     def _moved(self, robot: int, state: State, drive: Drive) -> State:
         """Where the drive takes the robot; not finite if the drive is not."""
@@ -104,13 +111,6 @@ class World:
         if self._dynamic:
             return driven(self._bodies[robot], state, drive.right, drive.left, self._period_s)
         return steered(state, drive.right, drive.left, self._period_s)
-
-    def _divergence(self) -> Diverged | None:
-        """The first robot (in file order, so that arrival order does not matter) to blow up."""
-        for robot in self.ids:
-            if not finite(self._next[robot]):
-                return Diverged(self.t_ns, robot)
-        return None
 
     def _record(self, robot: int, state: State, drive: Drive) -> None:
         body = self._bodies[robot]

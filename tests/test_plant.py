@@ -242,7 +242,8 @@ def test_world_takes_each_drive_once_and_only_for_its_tick(paper):
         world.on_drive(Drive(1, 1, 0.0, 0.0))
     with pytest.raises(ValueError, match="robot 9"):
         world.on_drive(Drive(9, 0, 0.0, 0.0))
-    assert world.on_drive(Drive(1, 0, 0.0, 0.0)) is False
+    assert world.on_drive(Drive(1, 0, 0.0, 0.0)).tick == 1
+    assert world.tick == 0
     with pytest.raises(ValueError, match="robot 1"):
         world.on_drive(Drive(1, 0, 0.0, 0.0))
     assert world.awaited() == [2, 3, 4, 5]
@@ -265,7 +266,7 @@ def test_world_reports_divergence_of_the_first_robot_whatever_the_order(paper, b
     """A command that is not finite, or one whose state overflows."""
     world = World(paper("section5", "duration_s=0.01"))
     for robot in (5, 4, 3, 2):
-        assert not world.on_drive(Drive(robot, 0, 0.0 if robot == 5 else bad, 0.0))
+        world.on_drive(Drive(robot, 0, 0.0 if robot == 5 else bad, 0.0))
     assert not world.finished
     world.on_drive(Drive(1, 0, 0.0, 0.0))
     assert world.finished
