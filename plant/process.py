@@ -42,8 +42,10 @@ from plant.world import DIVERGED, World
 
 PATIENCE_S = 1.0
 """How long to wait before saying for whom."""
-FAREWELL_S = 0.5
-"""How long robots have to hand in their last reports."""
+FAREWELL_S = 10.0
+"""How long a silence is taken for slowness while robots hand in their last reports."""
+HASTY_FAREWELL_S = 0.5
+"""The same when the user has asked to stop."""
 _FLUSH_TICKS = 100
 
 
@@ -211,19 +213,24 @@ class PlantProcess:
             leaving.discard(outcome.robot)
         for robot in leaving:
             self._tell(robot, End(robot, outcome.kind))
+        hasty = outcome.kind == "interrupted"
         while leaving:
+            patience_s = HASTY_FAREWELL_S if hasty else FAREWELL_S
+            if leaving <= self._lost:  # gone, but what they said last may still be on its way
+                patience_s = HASTY_FAREWELL_S
             try:
-                message = self._inbox.get(timeout=FAREWELL_S)
+                message = self._inbox.get(timeout=patience_s)
             except queue.Empty:
-                self._sink(
-                    Event("silent at the end", self._world.t_ns, {"robots": sorted(leaving)})
-                )
+                details = {"robots": sorted(leaving)}
+                self._sink(Event("silent at the end", self._world.t_ns, details))
                 return
             if isinstance(message, End):
                 leaving.discard(message.robot)
-            with suppress(_Ended):
-                self._handle(message)
-            leaving -= self._lost
+            elif isinstance(message, Outcome):
+                hasty = hasty or message.kind == "interrupted"
+            else:
+                with suppress(_Ended):
+                    self._handle(message)
 
     def _tell(self, robot: int, message: Message) -> None:
         self._to_robots[robot].put(encode(message))
