@@ -140,7 +140,10 @@ class Robot:
         for copy in link.send(note.tick * self._period_ns, note.sequence, payload):
             usable_ns = copy.due_ns if copy.fate == DELIVERED else None
             self._rows.append(
-                LinkRow(copy.sent_ns, usable_ns, source, self.robot, copy.sequence, copy.fate)
+                make(
+                    LinkRow,
+                    (copy.sent_ns, usable_ns, source, self.robot, copy.sequence, copy.fate),
+                )
             )
         due_ns = link.next_due_ns
         if due_ns is not None and due_ns < self._next_due_ns:
@@ -234,7 +237,7 @@ class Robot:
         elif message.stamp_ns != sent_ns:
             self._reject(source, "stamped at another time than it was sent")
         else:
-            return Stamped(source, message.stamp_ns, message.state)
+            return make(Stamped, (source, message.stamp_ns, message.state))
         return None
 
     def _reject(self, source: int, reason: str) -> None:

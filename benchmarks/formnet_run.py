@@ -1,10 +1,9 @@
 """What a tick of a real distributed run costs.
 
 The plant and the robots run as :mod:`lab.launch` starts them. The clock of the
-launching process runs from the arrival of the ``started`` event to that of the
-outcome, so start-up is excluded, while the record stream and the robots' farewell
-(10 to 40 ms, one or two percent of 2000 ticks) are included, to formnet's
-disadvantage. Records are dropped as they come.
+launching process runs from the arrival of the ``started`` event to that of
+``ended``, so start-up and farewell are excluded and the record stream is
+included, to formnet's disadvantage. Records are dropped as they come.
 """
 
 import secrets
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.table import BenchmarkError
 from formation.loading import dumps
-from formation.record import Event, Outcome, Record
+from formation.record import Event, Record
 from formation.scenario import Scenario
 from lab.launch import Launch
 
@@ -31,7 +30,7 @@ class _Clock:
     def __call__(self, record: Record) -> None:
         if isinstance(record, Event) and record.kind == "started":
             self.started_s = time.perf_counter()
-        elif isinstance(record, Outcome):
+        elif isinstance(record, Event) and record.kind == "ended":
             self.ended_s = time.perf_counter()
 
 

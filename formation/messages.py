@@ -92,10 +92,10 @@ class Broadcast(NamedTuple):
             raise MessageError("malformed: run, robot, sequence or time stamp has a wrong type")
         if not (type(x) is type(y) is type(heading) is type(speed) is type(turn_rate) is float):
             raise MessageError("malformed: pose or velocity is not a float")
-        state = State(x, y, heading, speed, turn_rate)
+        state = make(State, (x, y, heading, speed, turn_rate))
         if not finite(state):
             raise MessageError("not finite: pose or velocity")
-        return cls(run, robot, sequence, stamp_ns, state)
+        return make(cls, (run, robot, sequence, stamp_ns, state))
 
 
 _pack: Final[Callable[[Any], bytes]] = msgpack.Packer(autoreset=True).pack
@@ -121,10 +121,9 @@ class Envelope(NamedTuple):
     def unpack(cls, data: bytes) -> "Envelope":
         """Raises MessageError unless ``data`` is three 64-bit integers."""
         try:
-            robot, sequence, tick = _ENVELOPE_LAYOUT.unpack(data)
+            return make(cls, _ENVELOPE_LAYOUT.unpack(data))
         except struct.error:
             raise MessageError("malformed envelope: not three 64-bit integers") from None
-        return cls(robot, sequence, tick)
 
 
 HELLO: Final = -1

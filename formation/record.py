@@ -55,7 +55,11 @@ class LinkRows(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something worth a line in ``events.jsonl``: what, at which virtual time, and details."""
+    """Something worth a line in ``events.jsonl``: what, at which virtual time, and details.
+
+    Every run has ``started`` before its first tick and, if it came that far,
+    ``ended`` after its last, before the robots hand in their last reports.
+    """
 
     kind: str
     t_ns: int

@@ -78,6 +78,7 @@ def _flush(world: World, robots: dict[int, Robot], sink: Sink) -> None:
 
 
 def _finish(outcome: Outcome, world: World, robots: dict[int, Robot], sink: Sink) -> Outcome:
+    sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
     _flush(world, robots, sink)
     sink(outcome)
     return outcome

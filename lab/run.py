@@ -186,7 +186,7 @@ class _Watch:
 
     @property
     def wall_s(self) -> float:
-        """Seconds from the first tick to the outcome."""
+        """Seconds from the first tick to the last."""
         if self._started is None:
             return 0.0
         return (self._ended or time.monotonic()) - self._started
@@ -197,14 +197,14 @@ class _Watch:
         if isinstance(record, Event):
             if record.kind == "started":
                 self._started = time.monotonic()
+            elif record.kind == "ended":
+                self._ended = time.monotonic()
             elif record.kind == "waiting":
                 robots = ", ".join(map(str, record.details["robots"]))
                 self._console.print(
                     f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} "
                     f"to {record.details['for']}"
                 )
-        elif isinstance(record, Outcome):
-            self._ended = time.monotonic()
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""

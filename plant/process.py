@@ -118,6 +118,7 @@ class PlantProcess:
             outcome = end.outcome
         with self._lock:
             self._running = False
+        self._sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
         self._farewell(outcome)
         self._sink(Samples(self._world.take_samples()))
         self._sink(outcome)

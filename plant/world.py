@@ -117,4 +117,4 @@ class World:
         torques: tuple[float | None, float | None] = (None, None)
         if self._dynamic:
             torques = body.saturated(drive.right), body.saturated(drive.left)
-        self._row[robot] = Sample(self.t_ns, robot, *state, *torques)
+        self._row[robot] = make(Sample, (self.t_ns, robot, *state, *torques))
