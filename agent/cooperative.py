@@ -12,7 +12,7 @@ Plain floats and no arrays: for two-vectors that is an order of magnitude faster
 than NumPy, and this runs once per robot and control period.
 """
 
-from math import cos, exp, hypot, sin
+from math import cos, exp, sin, sqrt
 
 from agent.excitation import Excitation, W1Signal
 from agent.law import Command, Situation, parameters
@@ -110,7 +110,7 @@ class CooperativeLaw:
         y13, y23 = (-omega * eta2, omega * eta1) if self._com_uncertain else (0.0, 0.0)
         # Π, Eq. 31 with a boundary layer ε: ρ Ȳᵀũ / (‖Ȳᵀũ‖ + ε exp(−γ t)).
         p1, p2, p3 = y11 * e1 + y21 * e2, y12 * e1, y13 * e1 + y23 * e2
-        denominator = hypot(p1, p2, p3) + epsilon * exp(-gamma * t_s)
+        denominator = sqrt(p1 * p1 + p2 * p2 + p3 * p3) + epsilon * exp(-gamma * t_s)
         share = rho / denominator if denominator > 0.0 else 0.0
         r1, r2, r3 = a1 - share * p1, a2 - share * p2, a3 - share * p3
         # K ũ with K = k 1 or K = k M̄(q) from the estimates.
