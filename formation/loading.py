@@ -151,7 +151,7 @@ def _validate(data: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
         return Scenario.model_validate(data), []
     except ValidationError as error:
         errors = error.errors()
-    problems = [_problem(item["loc"], item["type"], item) for item in errors]
+    problems = [_problem(data, item["loc"], item["type"], item) for item in errors]
     data = deepcopy(data)
     for _ in range(5):  # a place inside a mended place may need another round
         for item in errors:
@@ -197,7 +197,6 @@ def _mend(data: Any, loc: Place, *, missing: bool) -> None:
 
 
 _RULES = {
-    "missing": "is required",
     "string_type": "must be a string",
     "int_type": "must be a whole number",
     "float_type": "must be a number",
@@ -221,13 +220,27 @@ _RULES = {
 }
 
 
-def _problem(loc: Place, kind: str, item: Any) -> Problem:
-    value = None if kind == "missing" else _shown(item["input"])
+def _problem(data: Any, loc: Place, kind: str, item: Any) -> Problem:
+    place = _dotted(_place(data, loc))
+    if kind == "missing":
+        return Problem(_dotted((*_place(data, loc[:-1]), loc[-1])), None, "is required")
+    value = _shown(item["input"])
     if kind == "extra_forbidden":
-        return Problem(_dotted((*_without_tags(loc[:-1]), loc[-1])), value, _unknown_key(loc))
+        return Problem(place, value, _unknown_key(loc))
     template = _RULES.get(kind)
     rule = item["msg"] if template is None else template.format(**item.get("ctx", {}))
-    return Problem(_dotted(_without_tags(loc)), value, rule)
+    return Problem(place, value, rule)
+
+
+def _place(data: Any, loc: Place) -> Place:
+    """``loc`` as far as the file has it: without pydantic's names of union members."""
+    place: list[str | int] = []
+    for part in loc:
+        inside = part in data if isinstance(data, dict) else isinstance(data, list | tuple)
+        if inside and (isinstance(data, dict) or (isinstance(part, int) and part < len(data))):
+            data = data[part]
+            place.append(part)
+    return tuple(place)
 
 
 def _unknown_key(loc: Place) -> str:
@@ -280,31 +293,11 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
             yield from _models_in(argument)
 
 
-def _without_tags(loc: Place) -> Place:
-    """``loc`` without union tags and pydantic's names of union members."""
-    kept: list[str | int] = []
-    models: list[type[BaseModel]] = [Scenario]
-    for part in loc:
-        if isinstance(part, int):
-            kept.append(part)
-            continue
-        fields = [
-            info
-            for model in models
-            for name, info in model.model_fields.items()
-            if part in (name, info.alias)
-        ]
-        if fields or models == []:
-            kept.append(part)
-            models = [m for info in fields for m in _models_in(info.annotation)]
-    return tuple(kept)
-
-
 def _dotted(loc: Place) -> str:
     text = ""
     for part in loc:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
-    return text or "file"
+    return text
 
 
 def _shown(value: Any) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
 from formation.messages import State
 from netem.settings import LinkOverrides, LinkSettings, nanoseconds
@@ -57,7 +57,10 @@ class Formation(Table):
     """
 
     edges: list[Annotated[tuple[RobotId, RobotId], Field(strict=False)]]
-    coupling: Positive | dict[str, Positive] = 1.0
+    coupling: Annotated[
+        Annotated[Positive, Tag("number")] | Annotated[dict[str, Positive], Tag("table")],
+        Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
+    ] = 1.0
 
     @cached_property
     def weights(self) -> dict[tuple[int, int], float]:

@@ -58,6 +58,11 @@ BAD = {
                  "duration_s = 40.0005: must be a multiple of clock.control_period_s = 0.001"),
     "coupling misses an edge": ("coupling = 2.0", 'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0 }',
                                 'formation.coupling."5-1": is required: a table needs one weight for every edge'),
+    "coupling of the wrong kind": ("coupling = 2.0", 'coupling = "strong"', "formation.coupling = 'strong': must be a number"),
+    "negative coupling": ("coupling = 2.0", "coupling = -2.0", "formation.coupling = -2.0: must be greater than 0"),
+    "negative coupling of an edge": ("coupling = 2.0", 'coupling = { "1-2" = -2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, "5-1" = 2.0 }',
+                                     "formation.coupling.1-2 = -2.0: must be greater than 0"),
+    "pair too short": ("offset_m = [4.0, 0.0]", "offset_m = [4.0]", "robots[4].offset_m[1]: is required"),
     "coupling of no edge": ("coupling = 2.0", 'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, '
                             '"5-1" = 2.0, "1-3" = 1.0 }',
                             'formation.coupling."1-3" = 1.0: names no edge of formation.edges'),
