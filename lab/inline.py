@@ -30,8 +30,7 @@ def run(
             return _finish(
                 Outcome("failed", 0, robot, f"{type(error).__name__}: {error}"), world, {}, sink
             )
-    receivers = [(robot, [robots[i] for i in scenario.neighbours[robot]]) for robot in robots]
-    heard_by = dict(receivers)
+    heard_by = {robot: [robots[i] for i in scenario.neighbours[robot]] for robot in robots}
     sink(Event("started", 0, {"robots": scenario.ids}))
     drives: deque[Drive] = deque()
     try:
