@@ -82,6 +82,7 @@ class PlantProcess:
         self._sink = sink
         self._world = World(scenario)
         self._inbox: queue.SimpleQueue[Message | Record] = queue.SimpleQueue()
+        self._joined: set[int] = set()
         self._lost: set[int] = set()
         self._lock = threading.Lock()  # guards the world and what follows
         self._running = False
@@ -129,7 +130,7 @@ class PlantProcess:
     def _gather(self) -> None:
         """Brief every robot and wait until all of them hear their neighbours."""
         brief = Brief(dumps(self._scenario))
-        joined: set[int] = set()
+        joined = self._joined
         ready: set[int] = set()
         everyone = set(self._scenario.ids)
         patience = _Patience()
@@ -209,7 +210,7 @@ class PlantProcess:
 
     def _farewell(self, outcome: Outcome) -> None:
         """Tell every robot that it is over, and take their last reports."""
-        leaving = set(self._scenario.ids) - self._lost
+        leaving = self._joined - self._lost
         if outcome.kind == "failed" and outcome.robot is not None:
             leaving.discard(outcome.robot)
         for robot in leaving:
