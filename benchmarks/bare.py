@@ -28,10 +28,11 @@ from pathlib import Path
 
 import zenoh
 
-from benchmarks.children import free_port, reported
+from benchmarks.children import reported
 from benchmarks.wire import BROADCAST_EVERY, ring, wire
 from formation import bus
 from formation.process import on_stop
+from lab.launch import free_port
 
 START_S, TICK_S = 30.0, 0.02
 """An exchange may take this long to start, and this long per tick, before it is given up."""

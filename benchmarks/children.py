@@ -5,7 +5,6 @@ input as a leash, as :mod:`lab.launch` does it; each child's standard error goes
 to a file, whose last line is told when the child fails.
 """
 
-import socket
 import subprocess
 import sys
 import time
@@ -14,20 +13,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
-from formation.bus import LOOPBACK
+from lab.launch import end
 
 GRACE_S = 3.0
 """How long children have to end by themselves once the number is known."""
 POLL_S = 0.1
 
 Child = subprocess.Popen[bytes]
-
-
-def free_port() -> int:
-    """A TCP port that is free on loopback now."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])
 
 
 def reported(commands: Mapping[str, Sequence[str]], logs: Path, *, limit_s: float) -> float:
@@ -76,17 +68,8 @@ def _running(commands: Mapping[str, Sequence[str]], logs: Path) -> Iterator[dict
 
 
 def _end(children: list[Child]) -> None:
+    end(children, time.monotonic() + GRACE_S)
     for child in children:
-        if child.stdin is not None:
-            with suppress(OSError):
-                child.stdin.close()
-    deadline = time.monotonic() + GRACE_S
-    for child in children:
-        try:
-            child.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
         if child.stdout is not None:
             child.stdout.close()
 

@@ -37,10 +37,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.children import free_port, reported
+from benchmarks.children import reported
 from benchmarks.wire import BROADCAST_EVERY, Wire, ring, wire
 from formation.bus import LOOPBACK
 from formation.process import on_stop
+from lab.launch import free_port
 
 CORE = "zmq"
 START_S, TICK_S = 30.0, 0.05

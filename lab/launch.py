@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -41,7 +41,7 @@ class Launch:
         self._t_ns = 0
         self._kill_at: float | None = None  # set once the run is being stopped
         logs.mkdir(parents=True, exist_ok=True)
-        endpoint = f"tcp/{LOOPBACK}:{_free_port()}"
+        endpoint = f"tcp/{LOOPBACK}:{free_port()}"
         common = ["--run", name, "--leash"]
         self.plant = self._spawn(
             "plant", ["plant", str(scenario_file), "--listen", endpoint, "--record", "-", *common]
@@ -81,7 +81,8 @@ class Launch:
                     self._stop()
                 tick()
         finally:
-            self._end_children()
+            deadline = self._kill_at or time.monotonic() + GRACE_S
+            end([self.plant, *self.robots.values()], deadline)
         self._reader.join()
         if self._outcome is None or self._outcome.kind == "broken":
             code = self.plant.returncode
@@ -118,18 +119,6 @@ class Launch:
         lines = text.strip().splitlines()
         return f": {lines[-1]}" if lines else ""
 
-    def _end_children(self) -> None:
-        children = [self.plant, *self.robots.values()]
-        for child in children:
-            _release(child)
-        deadline = self._kill_at or time.monotonic() + GRACE_S
-        for child in children:
-            try:
-                child.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
-
     def _spawn(self, name: str, arguments: list[str]) -> Child:
         with (self._logs / f"{name}.log").open("wb") as log:
             return subprocess.Popen(
@@ -141,13 +130,26 @@ class Launch:
             )
 
 
+def end(children: Sequence[Child], deadline: float) -> None:
+    """Release every child's leash; kill what is still there at ``deadline`` (monotonic seconds)."""
+    for child in children:
+        _release(child)
+    for child in children:
+        try:
+            child.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
 def _release(child: Child) -> None:
     if child.stdin is not None:
         with suppress(OSError):
             child.stdin.close()
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A TCP port that is free on loopback now."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from formation import bus, record
-from lab.launch import _free_port
+from lab.launch import free_port
 
 SECTION5 = "configs/paper/section5-delay.toml"
 RANDOM_NETWORK = (
@@ -223,7 +223,7 @@ def test_strangers_on_the_bus_are_refused_counted_and_change_nothing(start, root
     """A session of our own joins the hub and shouts on a robot's and the plant's keys."""
     reference = start("reference", "--inline", "duration_s=1.0")
     reference.wait()
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     name = "by-hand"
     out = tmp_path / "record"
     plant, *agents = by_hand(root, endpoint, name, out, "duration_s=1.0")
