@@ -41,8 +41,8 @@ from formation.process import on_stop
 
 RETRY_S = 0.05
 """How often an unanswered handshake message is repeated."""
-PATIENCE_S = 1.0
-"""How long to wait before saying for whom."""
+PATIENCE_S = 0.25
+"""A robot that waits for neighbours says so within twice this, before the plant complains."""
 _FLUSH_ROWS = 200
 
 

@@ -170,7 +170,7 @@ class Drive(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """Robot to plant: at ``tick`` I have waited a second for these neighbours."""
+    """Robot to plant: at ``tick`` I have been waiting for these neighbours for a while."""
 
     robot: int
     tick: int

@@ -137,9 +137,9 @@ class PlantProcess:
         while ready != everyone:
             if patience.lost((len(joined), len(ready))):
                 if joined != everyone:
-                    self._complain("join", sorted(everyone - joined), {})
+                    self._complain("join", sorted(everyone - joined), set())
                 else:
-                    self._complain("hear its neighbours", sorted(everyone - ready), {})
+                    self._complain("hear its neighbours", sorted(everyone - ready), set())
             message = self._next()
             if isinstance(message, Join) and message.robot in everyone:
                 if message.protocol != PROTOCOL:
@@ -154,15 +154,16 @@ class PlantProcess:
 
     def _attend(self) -> None:
         """Record what comes in until the run ends (by raising); complain while nothing moves."""
-        blocked: dict[int, list[int]] = {}
+        blocked: dict[int, int] = {}  # robot: the tick at which it last said that it waits
         patience = _Patience()
         while True:
             if patience.lost(self._world.tick):
-                self._complain("answer", self._world.awaited(), blocked)
-                blocked = {}
+                tick = self._world.tick
+                waiting = {robot for robot, at in blocked.items() if at == tick}
+                self._complain("answer", self._world.awaited(), waiting)
             message = self._next()
             if isinstance(message, Waiting):
-                blocked[message.robot] = message.neighbours
+                blocked[message.robot] = message.tick
             elif message is not None:
                 self._handle(message)
 
@@ -179,7 +180,7 @@ class PlantProcess:
             "formnet everywhere",
         )
 
-    def _complain(self, what: str, awaited: list[int], blocked: dict[int, list[int]]) -> None:
+    def _complain(self, what: str, awaited: list[int], blocked: set[int]) -> None:
         """Say on whom the run waits: not on those who wait for somebody themselves."""
         culprits = [robot for robot in awaited if robot not in blocked] or awaited
         self._sink(Event("waiting", self._world.t_ns, {"for": what, "robots": culprits}))
