@@ -3,10 +3,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench clean
+# Where there is a C compiler, an install compiles these (see setup.py).
+CORES := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
+
+.PHONY: demo build test check bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
+
+build: $(VENV)/.base
 
 test: check
 	$(BIN)/pytest
@@ -24,17 +29,17 @@ $(BIN)/python:
 		{ echo "formnet needs Python >= 3.11; say which with: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.base: pyproject.toml | $(BIN)/python
+$(VENV)/.base: pyproject.toml setup.py $(CORES) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	@touch $@
 
-$(VENV)/.test: pyproject.toml | $(BIN)/python
+$(VENV)/.test: pyproject.toml setup.py $(CORES) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
-	@touch $@ $(VENV)/.base
+	@touch $(VENV)/.base $@
 
-$(VENV)/.bench: pyproject.toml | $(BIN)/python
+$(VENV)/.bench: pyproject.toml setup.py $(CORES) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[benchmark]'
 	@touch $@ $(VENV)/.base
 
 clean:
-	rm -rf $(VENV) *.egg-info build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) *.egg-info build *.so */*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis

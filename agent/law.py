@@ -91,6 +91,14 @@ class Law(Protocol):
         ...
 
 
+class LawFailed(RuntimeError):
+    """The law of ``robot`` raised, or returned no pair of numbers; the text says what."""
+
+    def __init__(self, robot: int, error: str) -> None:
+        super().__init__(error)
+        self.robot = robot
+
+
 LawFactory = Callable[[Situation], Law]
 
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import zenoh
 
-from agent.law import make
-from agent.robot import LawFailed, Robot
+from agent.law import LawFailed, make
+from agent.robot import Robot
 from formation import bus
 from formation.loading import loads
 from formation.messages import (

@@ -12,11 +12,11 @@ t_s + δ <= t_k; the law sees each neighbour's newest usable message by stamp.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from numbers import Real
 from typing import Any, NamedTuple
 
-from agent.law import Command, Law
+from agent.law import Command, Law, LawFailed
 from formation.messages import (
     HELLO,
     Broadcast,
@@ -33,14 +33,6 @@ from formation.scenario import Scenario
 from netem import DELIVERED
 
 _NEVER = 2**63 - 1
-
-
-class LawFailed(RuntimeError):
-    """The law of ``robot`` raised, or returned no pair of numbers; the text says what."""
-
-    def __init__(self, robot: int, error: str) -> None:
-        super().__init__(error)
-        self.robot = robot
 
 
 def _pair(command: Any) -> Command:
@@ -72,7 +64,7 @@ class Robot:
         self.robot = robot
         self.run = run
         self.neighbours = scenario.neighbours[robot]
-        self._law = law
+        self._command: Callable[..., Any] = law.command  # a plug-in may return anything
         self._period_ns = scenario.clock.control_period_ns
         self._every = scenario.clock.broadcast_every
         self._links = {
@@ -200,12 +192,14 @@ class Robot:
         if self._next_due_ns <= now_ns:
             self._collect(now_ns)
         try:
-            command = self._law.command(now_ns, state, self._newest)
+            command = self._command(now_ns, state, self._newest)
             if not (type(command) is Command and type(command[0]) is type(command[1]) is float):
                 command = _pair(command)
             return make(Drive, (self.robot, tick, command[0], command[1]))
         except Exception as error:  # a law may raise anything
-            raise LawFailed(self.robot, f"{type(error).__name__}: {error}") from error
+            failed = LawFailed(self.robot, f"{type(error).__name__}: {error}")
+            failed.__cause__ = error  # mypyc leaves out what ``raise ... from`` says
+            raise failed  # noqa: B904
 
     def _collect(self, now_ns: int) -> None:
         """Take from the links what is due, and keep each neighbour's newest by stamp."""

@@ -7,8 +7,8 @@ fast way to run many scenarios.
 from collections import deque
 from collections.abc import Callable
 
-from agent.law import make
-from agent.robot import LawFailed, Robot
+from agent.law import LawFailed, make
+from agent.robot import Robot
 from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario

@@ -18,6 +18,18 @@ settings.register_profile(
 settings.load_profile("formnet")
 
 
+def pytest_configure() -> None:
+    """Refuse to test compiled cores that are older than their source."""
+    for name in ("agent", "plant"):
+        for built in (ROOT / name).glob("*.so"):
+            source = built.with_name(built.name.partition(".")[0] + ".py")
+            if built.stat().st_mtime < source.stat().st_mtime:
+                raise pytest.UsageError(
+                    f"{source.relative_to(ROOT)} is newer than its compiled module: run `make "
+                    "build`, or delete the *.so files to work with the source alone"
+                )
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The repository."""
