@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 # Where there is a C compiler, an install compiles these (see setup.py).
-CORES := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
+HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
 .PHONY: demo build test check bench clean
 
@@ -29,15 +29,15 @@ $(BIN)/python:
 		{ echo "formnet needs Python >= 3.11; say which with: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.base: pyproject.toml setup.py $(CORES) | $(BIN)/python
+$(VENV)/.base: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	@touch $@
 
-$(VENV)/.test: pyproject.toml setup.py $(CORES) | $(BIN)/python
+$(VENV)/.test: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	@touch $(VENV)/.base $@
 
-$(VENV)/.bench: pyproject.toml setup.py $(CORES) | $(BIN)/python
+$(VENV)/.bench: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[benchmark]'
 	@touch $@ $(VENV)/.base
 

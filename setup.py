@@ -1,4 +1,4 @@
-"""Compiles the pure cores with mypyc, where a C compiler is at hand.
+"""Compiles what runs in every tick with mypyc, where a C compiler is at hand.
 
 The same source runs interpreted and compiled and gives the same bits; compiled,
 it is several times faster. Without a compiler the build goes on without.
@@ -8,24 +8,31 @@ import sys
 
 from setuptools import Extension, setup
 
-CORES = [
+HOT = [
     "agent/cooperative.py",
     "agent/excitation.py",
+    "agent/process.py",
     "agent/robot.py",
+    "formation/bus.py",
+    "formation/messages.py",
+    "netem/delay.py",
+    "netem/link.py",
+    "netem/loss.py",
     "plant/body.py",
+    "plant/process.py",
     "plant/world.py",
 ]
 
 
 def compiled() -> list[Extension]:
-    """The cores as extension modules; none where mypyc cannot translate them."""
+    """The hot path as extension modules; none where mypyc cannot translate them."""
     if {"egg_info", "dist_info"} & set(sys.argv):
         return []  # pip asks for the metadata first; only a build needs the modules
     try:
         from mypyc.build import mypycify
 
         extensions: list[Extension] = mypycify(
-            ["--config-file=", "--ignore-missing-imports", *CORES],
+            ["--config-file=", "--ignore-missing-imports", *HOT],
             group_name="formnet",
             opt_level="2",
             debug_level="0",

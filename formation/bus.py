@@ -21,12 +21,14 @@ os.environ.setdefault(
 )
 
 import zenoh
+from mypy_extensions import mypyc_attr
 
 from formation.messages import Message, MessageError, decode
 
 LOOPBACK = "127.0.0.1"
 
 
+@mypyc_attr(native_class=False)
 class BusError(RuntimeError):
     """A session cannot be opened; the text says which endpoint and why."""
 

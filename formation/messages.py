@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import msgpack
+from mypy_extensions import mypyc_attr
 
 from formation.record import LinkRow
 
@@ -30,6 +31,7 @@ For the hot path only; it checks nothing.
 """
 
 
+@mypyc_attr(native_class=False)
 class MessageError(ValueError):
     """Bytes that are not the message they should be; the text says why."""
 
@@ -266,14 +268,14 @@ def _decode_rare(data: bytes) -> Message:
         raise MessageError("malformed: not a tagged list")
     if not 0 <= fields[0] < len(_KINDS):
         raise MessageError(f"unknown kind {fields[0]}")
-    kind = _KINDS[fields[0]]
+    kind: Any = _KINDS[fields[0]]
     if [type(value) for value in fields[1:]] != _FIELD_TYPES[kind]:
         raise MessageError(f"malformed: {kind.__name__}")
-    message = kind(*fields[1:])
-    if isinstance(message, Waiting) and any(type(robot) is not int for robot in message.neighbours):
+    if kind is Waiting and any(type(robot) is not int for robot in fields[3]):
         raise MessageError("malformed: Waiting")
-    if isinstance(message, Links):
-        return Links(message.robot, [_link_row(row) for row in message.rows])
+    if kind is Links:
+        fields[2] = [_link_row(row) for row in fields[2]]
+    message: Message = kind(*fields[1:])
     return message
 
 

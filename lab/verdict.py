@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import agent.robot
 from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
@@ -123,9 +124,13 @@ def settling_time(
     return float(t_s[last_outside[-1] + 1]) if len(last_outside) else float(t_s[0])
 
 
-def versions() -> dict[str, str]:
-    """What produced a run."""
-    found = {"python": platform.python_version(), "platform": platform.platform()}
+def versions() -> dict[str, str | bool]:
+    """What produced a run; ``compiled`` says whether the install had a C compiler (setup.py)."""
+    found: dict[str, str | bool] = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "compiled": not str(agent.robot.__file__).endswith(".py"),
+    }
     for package in ("formnet", "eclipse-zenoh", "numpy", "msgpack"):
         try:
             found[package] = version(package)

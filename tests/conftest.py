@@ -1,7 +1,9 @@
 """What all tests share: the paper's scenarios, and random tests that repeat."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from hypothesis import settings
@@ -19,15 +21,21 @@ settings.load_profile("formnet")
 
 
 def pytest_configure() -> None:
-    """Refuse to test compiled cores that are older than their source."""
-    for name in ("agent", "plant"):
-        for built in (ROOT / name).glob("*.so"):
-            source = built.with_name(built.name.partition(".")[0] + ".py")
-            if built.stat().st_mtime < source.stat().st_mtime:
-                raise pytest.UsageError(
-                    f"{source.relative_to(ROOT)} is newer than its compiled module: run `make "
-                    "build`, or delete the *.so files to work with the source alone"
-                )
+    """Refuse to test compiled modules that are older than their source."""
+    for built in ROOT.glob("*/*.so"):
+        source = built.with_name(built.name.partition(".")[0] + ".py")
+        if built.stat().st_mtime < source.stat().st_mtime:
+            raise pytest.UsageError(
+                f"{source.relative_to(ROOT)} is newer than its compiled module: run `make build`, "
+                "or `make clean` to work with the source alone"
+            )
+
+
+def missing(package: str) -> NoReturn:
+    """Skip the test for want of a system package; in CI, which installs it first, fail."""
+    if "FORMNET_CI" in os.environ:
+        pytest.fail(f"CI did not install {package}")
+    pytest.skip(f"needs {package}")
 
 
 @pytest.fixture(scope="session")
