@@ -16,6 +16,7 @@ The built-in law is registered in the same way.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import NamedTuple, Protocol
 
@@ -106,6 +107,7 @@ class UnknownLaw(LookupError):
     """No law of that name is installed, or it cannot be imported."""
 
 
+@cache
 def installed() -> dict[str, EntryPoint]:
     """Every law that can be named in ``law.kind``, by name, ascending."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}

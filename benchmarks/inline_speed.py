@@ -26,17 +26,22 @@ def measure(plan: Plan) -> list[Row]:
     speeds = []
     for number in range(1, plan.rounds + 1):
         plan.say(f"b: round {number} of {plan.rounds}")
-        speeds.append(_speed(scenario))
+        speeds.append(scenario.clock.control_period_s * 1e3 / tick_ms(scenario))
     note = f"{scenario.duration_s:g} s simulated a round"
     return [Row("b", "inline speed / real time, n = 5", speeds, target=REAL_TIME, note=note)]
 
 
-def _speed(scenario: Scenario) -> float:
+def tick_ms(scenario: Scenario) -> float:
+    """Run ``scenario`` once in this process; wall-clock milliseconds per tick.
+
+    Raises:
+        BenchmarkError: the run did not complete.
+    """
     started_s = time.perf_counter()
     outcome = inline.run(scenario, "benchmark", _drop)
     if outcome.kind != "completed":
         raise BenchmarkError(f"the inline run ended as {outcome.kind}: {outcome.reason}")
-    return scenario.duration_s / (time.perf_counter() - started_s)
+    return (time.perf_counter() - started_s) / (scenario.ticks + 1) * 1e3
 
 
 def _drop(_record: Record) -> None:

@@ -27,10 +27,9 @@ class Plan:
         """More: an inline tick is several times cheaper."""
         return 5 * self.ticks
 
-    @property
-    def scaling_ticks(self) -> int:
-        """Fewer: forty robots make a tick of several milliseconds."""
-        return max(LEAST_TICKS, self.ticks // 2)
+    def scaling_ticks(self, robots: int) -> int:
+        """Fewer for more robots, so that every size is timed for about as long."""
+        return max(LEAST_TICKS, 10 * self.ticks // robots)
 
     @property
     def scaling_rounds(self) -> int:

@@ -1,14 +1,17 @@
 """(c) The cost of a lockstep tick as the ring grows: no faster than linear in the robots.
 
-The sizes take turns in every round. Linear growth means that a tick of n robots
-costs at most n/5 ticks of five, that is, that a robot-tick gets no dearer. The bare
-exchange is measured beside it: its growth is the machine's and Zenoh's own.
+The sizes take turns in every round, each for about as long. Linear growth is an
+exponent of one in the power law that fits the four sizes best. Measured beside it:
+the bare exchange, whose growth is the machine's and Zenoh's own, and the inline run,
+whose growth is that of formnet's own work.
 """
 
 import statistics
+from collections.abc import Sequence
+from math import log
 from pathlib import Path
 
-from benchmarks import bare, formnet_run
+from benchmarks import bare, formnet_run, inline_speed
 from benchmarks.plan import Plan
 from benchmarks.scenarios import ring
 from benchmarks.table import Row, Target
@@ -22,25 +25,29 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
     Raises:
         BenchmarkError: a run did not complete.
     """
-    kinds = ("formnet", "bare")
+    kinds = ("formnet", "bare", "inline")
     costs: dict[tuple[str, int], list[float]] = {(k, n): [] for k in kinds for n in SIZES}
     for number in range(1, plan.scaling_rounds + 1):
         for robots in SIZES:
             plan.say(f"c: round {number} of {plan.scaling_rounds}, {robots} robots")
-            scenario, here = ring(robots, plan.scaling_ticks), folder / f"c-{number}-{robots}"
+            ticks = plan.scaling_ticks(robots)
+            scenario, here = ring(robots, ticks), folder / f"c-{number}-{robots}"
             costs["formnet", robots].append(formnet_run.tick_ms(scenario, here))
-            costs["bare", robots].append(bare.tick_ms(robots, plan.scaling_ticks, here / "bare"))
-    return [row for kind in kinds for robots in SIZES for row in _rows(kind, robots, costs)]
+            costs["bare", robots].append(bare.tick_ms(robots, ticks, here / "bare"))
+            costs["inline", robots].append(inline_speed.tick_ms(scenario))
+    return [row for kind in kinds for row in _rows(kind, costs)]
 
 
-def _rows(kind: str, robots: int, costs: dict[tuple[str, int], list[float]]) -> list[Row]:
-    first = SIZES[0]
-    rows = [Row("c", f"{kind} tick, ring of {robots}", costs[kind, robots], "ms")]
-    if robots != first:
-        pairs = zip(costs[kind, robots], costs[kind, first], strict=True)
-        ratios = [a / b for a, b in pairs]
-        share = statistics.median(ratios) * first / robots
-        target = Target("<=", robots / first) if kind == "formnet" else None
-        what, note = f"{kind}, {robots} / {first}", f"per robot-tick {share:.2f} ×"
-        rows.append(Row("c", what, ratios, target=target, note=note))
-    return rows
+def _rows(kind: str, costs: dict[tuple[str, int], list[float]]) -> list[Row]:
+    rows = [Row("c", f"{kind} tick, ring of {n}", costs[kind, n], "ms") for n in SIZES]
+    rounds = zip(*(costs[kind, n] for n in SIZES), strict=True)
+    exponents = [_exponent(ticks_ms) for ticks_ms in rounds]
+    target = None if kind == "bare" else Target("<=", 1.0)
+    note = "p of a tick ~ robots^p, fitted"
+    return [*rows, Row("c", f"{kind}, growth exponent", exponents, "", target, note)]
+
+
+def _exponent(ticks_ms: Sequence[float]) -> float:
+    """The slope of log cost over log robots, by least squares."""
+    fit = statistics.linear_regression([log(n) for n in SIZES], [log(ms) for ms in ticks_ms])
+    return fit.slope
