@@ -30,7 +30,6 @@ from formation.messages import (
 )
 from formation.record import LinkRow
 from formation.scenario import Scenario
-from netem import DELIVERED
 
 _NEVER = 2**63 - 1
 
@@ -130,7 +129,7 @@ class Robot:
         self._arrived[source] = note.tick
         self._heard_up_to = min(self._arrived.values())
         for copy in link.send(note.tick * self._period_ns, note.sequence, payload):
-            usable_ns = copy.due_ns if copy.fate == DELIVERED else None
+            usable_ns = None if copy.lost else copy.due_ns
             self._rows.append(
                 make(
                     LinkRow,

@@ -60,17 +60,26 @@ def load(path: Path, overrides: Iterable[str] = ()) -> Scenario:
         raise _failure(file, f"not TOML: not UTF-8 text (byte {error.start})") from None
     except OSError as error:
         raise _failure(file, f"cannot be read: {error.strerror}") from None
-    return loads(text, file, overrides)
+    return loads(text, file, overrides, folder=path.parent)
 
 
-def loads(text: str, file: str = "scenario", overrides: Iterable[str] = ()) -> Scenario:
-    """:func:`load` from text; ``file`` is what errors call it."""
+def loads(
+    text: str,
+    file: str = "scenario",
+    overrides: Iterable[str] = (),
+    folder: Path | None = None,
+) -> Scenario:
+    """:func:`load` from text; ``file`` is what errors call it.
+
+    Without ``folder``, to which the files that a scenario names are relative,
+    it must name none: a scenario that came over the bus reads nothing here.
+    """
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _failure(file, f"not TOML: {error}") from None
     problems = [problem for text in overrides if (problem := _override(data, text))]
-    scenario, found = _validate(data)
+    scenario, found = _validate(data, folder)
     problems += found
     if scenario is not None:
         places = tuple(problem.place for problem in problems)
@@ -141,14 +150,15 @@ def _index(items: list[Any], key: str) -> int | None:
 # --- validation ----------------------------------------------------------------------
 
 
-def _validate(data: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
+def _validate(data: dict[str, Any], folder: Path | None) -> tuple[Scenario | None, list[Problem]]:
     """Build the scenario and say what is wrong with it.
 
     If something is, a copy is mended place by place until it can be built, so
     that the rules between values can be checked too. None if that fails.
     """
+    context = {} if folder is None else {"folder": folder}
     try:
-        return Scenario.model_validate(data), []
+        return Scenario.model_validate(data, context=context), []
     except ValidationError as error:
         errors = error.errors()
     problems = [_problem(data, item["loc"], item["type"], item) for item in errors]
@@ -157,7 +167,7 @@ def _validate(data: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
         for item in errors:
             _mend(data, item["loc"], missing=item["type"] == "missing")
         try:
-            return Scenario.model_validate(data), problems
+            return Scenario.model_validate(data, context=context), problems
         except ValidationError as error:
             errors = error.errors()
     return None, problems

@@ -82,11 +82,11 @@ def _uncovered(scenario: Scenario) -> list[str]:
     for source, destination in scenario.directed_links:
         settings = network.settings(source, destination)
         place = f"the link from {source} to {destination}"
-        delay_ns = settings.delay.constant_ns
+        delay_ns = settings.constant_ns
         if delay_ns is None:
             gaps.append(f"the delay on {place} is not constant")
             break
-        if settings.loss.probability > 0.0:
+        if not settings.lossless:
             gaps.append(f"{place} loses messages")
             break
         delays.setdefault(source, set()).add(delay_ns)
@@ -123,7 +123,7 @@ def _outside_model(scenario: Scenario) -> list[str]:
 
 def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
     delayed = any(
-        scenario.network.settings(*link).delay.constant_ns != 0 for link in scenario.directed_links
+        scenario.network.settings(*link).constant_ns != 0 for link in scenario.directed_links
     )
     kinematic = scenario.law.level == "kinematic"
     theorem = (5 if kinematic else 6) if delayed else (1 if kinematic else 3) + damped

@@ -8,21 +8,67 @@ with integer nanoseconds, so the same link serves virtual time and wall time.
 This package imports nothing of the rest of the project.
 """
 
-from netem.delay import ConstantDelay, UniformDelay
-from netem.link import DELIVERED, LOST_RANDOM, Impairment, Link, Transit
-from netem.loss import RandomLoss
+from netem.corrupt import Corrupt
+from netem.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
+from netem.duplicate import Duplicate
+from netem.link import (
+    CORRUPTED,
+    DELIVERED,
+    DUPLICATED,
+    LOST_BURST,
+    LOST_CUT,
+    LOST_LATE,
+    LOST_QUEUE,
+    LOST_RANDOM,
+    LOST_TRACE,
+    Impairment,
+    Link,
+    Transit,
+)
+from netem.loss import EveryNthLoss, PredicateLoss, RandomLoss, TraceLoss
+from netem.markov import FourState, GilbertElliott
+from netem.order import KeepOrder
+from netem.playout import Playout
+from netem.queue import QueueEntry, QueueExit, QueueLimit
+from netem.rate import Rate
+from netem.reorder import Reorder
 from netem.settings import LinkOverrides, LinkSettings
+from netem.slots import Slots
 from netem.streams import stream
 
 __all__ = [
+    "CORRUPTED",
     "DELIVERED",
+    "DUPLICATED",
+    "LOST_BURST",
+    "LOST_CUT",
+    "LOST_LATE",
+    "LOST_QUEUE",
     "LOST_RANDOM",
+    "LOST_TRACE",
     "ConstantDelay",
+    "Corrupt",
+    "Duplicate",
+    "EveryNthLoss",
+    "FourState",
+    "GilbertElliott",
     "Impairment",
+    "KeepOrder",
     "Link",
     "LinkOverrides",
     "LinkSettings",
+    "Playout",
+    "PredicateLoss",
+    "QueueEntry",
+    "QueueExit",
+    "QueueLimit",
+    "RandomDelay",
     "RandomLoss",
+    "Rate",
+    "Reorder",
+    "Slots",
+    "TraceDelay",
+    "TraceLoss",
     "Transit",
     "UniformDelay",
     "stream",

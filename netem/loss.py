@@ -1,25 +1,95 @@
-"""Loss: which messages never arrive."""
+"""Loss, message by message: independent or correlated, by trace, by count, by rule."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from random import Random
 
-from netem.link import DELIVERED, LOST_RANDOM, Transit
+from netem.checks import correlation as checked_correlation
+from netem.checks import probability as checked
+from netem.link import LOST_BURST, LOST_RANDOM, LOST_TRACE, Transit
 
 
-@dataclass(frozen=True, slots=True)
 class RandomLoss:
-    """Each copy is lost with ``probability``, independently of all others."""
+    """Each message is lost with ``probability``; successive losses have lag-1 ``correlation``.
 
-    probability: float
-    name: str = "loss"
+    Correlated, the losses are a two-state Markov chain, begun in equilibrium,
+    whose indicator has exactly that rate and that correlation c: after a loss
+    the next is lost with p + c (1 − p), else with p (1 − c). (tc-netem's
+    correlated loss misses its rate.)
+    """
 
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.probability <= 1.0:
-            raise ValueError(f"probability must be in [0, 1], got {self.probability}")
+    name = "loss"
 
-    def apply(self, copies: list[Transit], random: Random) -> list[Transit]:
-        for copy in copies:
-            lost = random.random() < self.probability
-            if lost and copy.fate == DELIVERED:
-                copy.fate = LOST_RANDOM
-        return copies
+    def __init__(self, probability: float, correlation: float = 0.0) -> None:
+        self._probability = checked("probability", probability)
+        self._correlation = checked_correlation(correlation)
+        self._after_loss = probability + correlation * (1.0 - probability)
+        self._after_none = probability * (1.0 - correlation)
+        self._next = probability
+        self._burst = False  # whether a loss now would continue one
+
+    def twin(self) -> "RandomLoss":
+        return RandomLoss(self._probability, self._correlation)
+
+    def apply(self, copy: Transit, random: Random) -> None:
+        lost, burst = random.random() < self._next, self._burst
+        self._next = self._after_loss if lost else self._after_none
+        self._burst = lost and self._correlation > 0.0
+        if lost and not copy.lost:
+            copy.fate = LOST_BURST if burst else LOST_RANDOM
+
+
+class EveryNthLoss:
+    """Every ``n``-th message is lost: the n-th, the 2n-th and so on."""
+
+    name = "loss"
+
+    def __init__(self, n: int) -> None:
+        if n < 1:
+            raise ValueError(f"n must be >= 1, got {n}")
+        self._n = n
+        self._count = 0
+
+    def twin(self) -> "EveryNthLoss":
+        return EveryNthLoss(self._n)
+
+    def apply(self, copy: Transit, random: Random) -> None:
+        self._count += 1
+        if self._count % self._n == 0 and not copy.lost:
+            copy.fate = LOST_TRACE
+
+
+class TraceLoss:
+    """Loses what ``losses`` says, message by message (true: lost), again and again."""
+
+    name = "loss"
+
+    def __init__(self, losses: Sequence[bool]) -> None:
+        if not losses:
+            raise ValueError("losses must not be empty")
+        self._losses = list(losses)
+        self._count = 0
+
+    def twin(self) -> "TraceLoss":
+        return TraceLoss(self._losses)
+
+    def apply(self, copy: Transit, random: Random) -> None:
+        lost = self._losses[self._count % len(self._losses)]
+        self._count += 1
+        if lost and not copy.lost:
+            copy.fate = LOST_TRACE
+
+
+class PredicateLoss:
+    """Loses every copy for which ``lost`` says so; for tests."""
+
+    name = "loss"
+
+    def __init__(self, lost: Callable[[Transit], bool]) -> None:
+        self._lost = lost
+
+    def twin(self) -> "PredicateLoss":
+        return self
+
+    def apply(self, copy: Transit, random: Random) -> None:
+        if self._lost(copy) and not copy.lost:
+            copy.fate = LOST_TRACE

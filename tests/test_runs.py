@@ -130,6 +130,23 @@ def test_distributed_inline_and_loaded_runs_are_bit_identical(start):
     assert other.verdict()["trajectory_sha256"] != hashes[0]
 
 
+def test_damaged_and_doubled_broadcasts_are_survived_and_counted(start):
+    network = (
+        'network.default={preset="wifi", duplicate={probability=0.2}, corrupt={probability=0.3}}'
+    )
+    runs = [start(kind, "duration_s=0.6", network, *more)
+            for kind, more in (("distributed", ()), ("inline", ("--inline",)))]  # fmt: skip
+    tables = []
+    for run in runs:
+        assert run.wait() == 1  # too short for the claims
+        tables.append(pq.read_table(run.out / "links.parquet"))
+        reasons = {e["reason"] for e in run.events() if e["event"] == "rejected"}
+        assert "malformed: not msgpack" in reasons
+    assert runs[0].verdict()["trajectory_sha256"] == runs[1].verdict()["trajectory_sha256"]
+    assert tables[0].equals(tables[1])
+    assert {"delivered", "duplicated", "corrupted"} <= set(tables[0]["fate"].to_pylist())
+
+
 def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     """An install compiles the hot path where it can; the source alone must give the same bits."""
     if not list(root.glob("agent/robot*.so")):

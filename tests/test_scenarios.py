@@ -7,6 +7,7 @@ from click.testing import CliRunner
 
 from formation.loading import ScenarioError, dumps, load, loads
 from lab.cli import main
+from netem.presets import PRESETS
 
 PAPER = Path(__file__).parent.parent / "configs" / "paper"
 GOOD = (PAPER / "section5-delay.toml").read_text(encoding="utf-8")
@@ -39,7 +40,7 @@ BAD = {
     "not one of the words": ('level = "dynamic"', 'level = "dynamik"',
                              "law.level = 'dynamik': must be 'kinematic' or 'dynamic'"),
     "unknown distribution": ('"constant"', '"gauss"', "network.default.delay = {'distribution': 'gauss', 'mean_s': 0.1}: "
-                             "its 'distribution' must be one of 'constant', 'uniform'"),
+                             "its 'distribution' must be one of 'constant', 'uniform', 'normal', 'lognormal', 'gamma', 'weibull', 'pareto', 'exponential', 'empirical', 'trace'"),
     "negative mass": ("mass_kg = 1.0", "mass_kg = -1.0", "robot_defaults.mass_kg = -1.0: must be greater than 0"),
     "negative damping": ("damping = 4.0", "damping = -4.0", "robots[0].damping = -4.0: must be at least 0"),
     "not finite": ("gamma = 0.1", "gamma = inf", "law.gamma = inf: must be finite"),
@@ -241,3 +242,26 @@ def test_usage_errors_exit_2():
 def test_laws_and_version():
     assert "cooperative" in CliRunner().invoke(main, ["laws"]).output
     assert CliRunner().invoke(main, ["--version"]).output.startswith("formnet 0.1.0")
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_are_written_out_and_survive_a_round_trip(preset):
+    scenario = loads(GOOD, overrides=[f'network.default={{preset="{preset}", keep_order=true}}'])
+    assert scenario.network.default.keep_order
+    assert loads(dumps(scenario)) == scenario
+    assert "preset" not in dumps(scenario)
+
+
+def test_files_are_looked_for_beside_the_scenario_and_their_numbers_written_out(tmp_path):
+    (tmp_path / "rtt.csv").write_text("0.01\n0.02\n", encoding="utf-8")
+    file = tmp_path / "scenario.toml"
+    file.write_text(GOOD, encoding="utf-8")
+    override = 'network.default.delay={distribution="empirical", file="rtt.csv"}'
+    scenario = load(file, [override])
+    assert scenario.network.default.delay.samples_s == [0.01, 0.02]
+    assert loads(dumps(scenario)) == scenario
+    # What comes over the bus must not make a robot read its files.
+    assert problems(GOOD, override) == [
+        "network.default.delay = {'distribution': 'empirical', 'file': 'rtt.csv'}: "
+        "file rtt.csv: may only be named in a file; give the numbers"
+    ]

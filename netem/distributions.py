@@ -1,0 +1,127 @@
+"""Distributions of delay, each by its quantile function. Seconds.
+
+None is ever negative. What the parameters mean is in their names: tc-netem's
+"jitter" is a half-range for one distribution and a standard deviation for
+another.
+"""
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import Protocol
+
+_NORMAL = NormalDist()
+
+
+class Distribution(Protocol):
+    """A distribution of non-negative numbers."""
+
+    def quantile(self, u: float) -> float:
+        """The value below which a share ``u`` lies, 0 < u < 1."""
+        ...
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be > 0 and finite, got {value}")
+
+
+class Normal:
+    """Normal, truncated at zero: only what lies above zero is drawn.
+
+    ``mean`` and ``stddev`` are those before the truncation, which moves the
+    mean up by stddev · φ(a)/Φ(a), a = mean/stddev (below 0.03 % of the standard
+    deviation from a = 3.6 on). Nothing piles up at zero and no tail is clipped.
+    """
+
+    def __init__(self, mean: float, stddev: float) -> None:
+        _positive(mean=mean, stddev=stddev)
+        self._mean, self._stddev = mean, stddev
+        self._above = _NORMAL.cdf(mean / stddev)
+
+    def quantile(self, u: float) -> float:
+        share = self._above * (1.0 - u)  # of the untruncated normal above the value
+        if share < 0.5:
+            score = -_NORMAL.inv_cdf(share)
+        else:
+            score = _NORMAL.inv_cdf(1.0 - self._above + self._above * u)
+        return max(0.0, self._mean + self._stddev * score)
+
+
+class LogNormal:
+    """Log-normal with this ``mean`` and ``stddev`` of the delay itself (not of its logarithm)."""
+
+    def __init__(self, mean: float, stddev: float) -> None:
+        _positive(mean=mean, stddev=stddev)
+        variance = math.log1p((stddev / mean) ** 2)
+        self._mu, self._sigma = math.log(mean) - variance / 2.0, math.sqrt(variance)
+
+    def quantile(self, u: float) -> float:
+        return math.exp(self._mu + self._sigma * _NORMAL.inv_cdf(u))
+
+
+class Gamma:
+    """Gamma with this ``mean`` and ``stddev``: shape (mean/stddev)², scale stddev²/mean."""
+
+    def __init__(self, mean: float, stddev: float) -> None:
+        _positive(mean=mean, stddev=stddev)
+        from scipy.special import gammaincinv  # slow to import, and only this needs it
+
+        self._inverse = gammaincinv
+        self._shape, self._scale = (mean / stddev) ** 2, stddev**2 / mean
+
+    def quantile(self, u: float) -> float:
+        return self._scale * float(self._inverse(self._shape, u))
+
+
+class Weibull:
+    """Weibull: P(X > x) = exp(−(x/scale)^shape)."""
+
+    def __init__(self, scale: float, shape: float) -> None:
+        _positive(scale=scale, shape=shape)
+        self._scale, self._power = scale, 1.0 / shape
+
+    def quantile(self, u: float) -> float:
+        return float(self._scale * (-math.log1p(-u)) ** self._power)
+
+
+class Pareto:
+    """Pareto (type I): P(X > x) = (minimum/x)^shape for x ≥ ``minimum``.
+
+    The mean is finite for shape > 1, the standard deviation for shape > 2.
+    """
+
+    def __init__(self, minimum: float, shape: float) -> None:
+        _positive(minimum=minimum, shape=shape)
+        self._minimum, self._power = minimum, -1.0 / shape
+        self.has_variance = shape > 2.0
+
+    def quantile(self, u: float) -> float:
+        return float(self._minimum * (1.0 - u) ** self._power)
+
+
+class Exponential:
+    """Exponential with this ``mean``."""
+
+    def __init__(self, mean: float) -> None:
+        _positive(mean=mean)
+        self._mean = mean
+
+    def quantile(self, u: float) -> float:
+        return -self._mean * math.log1p(-u)
+
+
+class Empirical:
+    """One of ``samples``, each equally likely: the inverse of their empirical distribution."""
+
+    def __init__(self, samples: Sequence[float]) -> None:
+        if not samples:
+            raise ValueError("samples must not be empty")
+        for index, sample in enumerate(samples):
+            if not 0.0 <= sample < math.inf:
+                raise ValueError(f"samples[{index}] must be >= 0 and finite, got {sample}")
+        self._sorted = sorted(samples)
+
+    def quantile(self, u: float) -> float:
+        return self._sorted[int(u * len(self._sorted))]

@@ -1,0 +1,25 @@
+"""Order kept in spite of jitter."""
+
+from random import Random
+
+from netem.link import Transit
+
+
+class KeepOrder:
+    """No message arrives before one that was sent earlier: it waits for it.
+
+    A message that waits arrives together with the one it waited for, after it.
+    """
+
+    name = "order"
+
+    def __init__(self) -> None:
+        self._latest_ns = 0
+
+    def twin(self) -> "KeepOrder":
+        return self
+
+    def apply(self, copy: Transit, random: Random) -> None:
+        if not copy.lost:
+            self._latest_ns = max(self._latest_ns, copy.due_ns)
+            copy.due_ns = self._latest_ns
