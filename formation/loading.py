@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from formation.scenario import Scenario
+from formation.scenario import Scenario, named
 from netem.settings import nanoseconds
 
 Place = tuple[str | int, ...]
@@ -401,8 +401,8 @@ def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
 def _check_links(scenario: Scenario) -> Iterator[Problem]:
     for index, rule in enumerate(scenario.network.links):
         place = f"network.links[{index}]"
-        yield from _unknown_robots(scenario, f"{place}.from", rule.sources)
-        yield from _unknown_robots(scenario, f"{place}.to", rule.destinations)
+        yield from _unknown_robots(scenario, f"{place}.from", named(rule.sources))
+        yield from _unknown_robots(scenario, f"{place}.to", named(rule.destinations))
 
 
 def _check_window(scenario: Scenario) -> Iterator[Problem]:

@@ -106,12 +106,48 @@ class LawSettings(Table):
     parameters: dict[str, Any] = {}
 
 
+def _kind_of_selector(value: object) -> str:
+    return "all" if isinstance(value, str) else "one" if isinstance(value, int) else "list"
+
+
+Robots = Annotated[
+    Annotated[Literal["*"], Tag("all")]
+    | Annotated[RobotId, Tag("one")]
+    | Annotated[list[RobotId], Field(min_length=1), Tag("list")],
+    Discriminator(_kind_of_selector),
+]
+"""Robots by one id, a list of ids, or ``"*"`` for all."""
+
+
+def named(robots: Robots) -> list[int]:
+    """The ids that a selector spells out; none for ``"*"``."""
+    if isinstance(robots, str):
+        return []
+    return [robots] if isinstance(robots, int) else robots
+
+
+def selected(robots: Robots, robot: int) -> bool:
+    """Whether ``robot`` is one of ``robots``."""
+    return robots == "*" or robot in named(robots)
+
+
 class LinkRule(LinkOverrides):
-    """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``."""
+    """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``.
+
+    ``both_ways`` adds the links back.
+    """
 
     model_config = ConfigDict(**STRICT, validate_by_name=True)
-    sources: list[RobotId] = Field(alias="from", min_length=1)
-    destinations: list[RobotId] = Field(alias="to", min_length=1)
+    sources: Robots = Field(alias="from")
+    destinations: Robots = Field(alias="to")
+    both_ways: bool = False
+
+    def covers(self, source: int, destination: int) -> bool:
+        """Whether the rule is about the link from ``source`` to ``destination``."""
+        if selected(self.sources, source) and selected(self.destinations, destination):
+            return True
+        back = selected(self.sources, destination) and selected(self.destinations, source)
+        return self.both_ways and back
 
 
 class Network(Table):
@@ -124,7 +160,7 @@ class Network(Table):
         """The settings of the link from ``source`` to ``destination``."""
         settings = self.default
         for rule in self.links:
-            if source in rule.sources and destination in rule.destinations:
+            if rule.covers(source, destination):
                 settings = settings.changed(rule)
         return settings
 

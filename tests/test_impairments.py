@@ -608,3 +608,11 @@ def test_numbers_may_come_from_a_file(tmp_path):
     (tmp_path / "rtt.csv").write_text("0.001\nfast\n")
     with pytest.raises(ValueError, match=r"rtt\.csv, line 2: 'fast' is not 1 finite number"):
         validated({"delay": {"distribution": "empirical", "file": "rtt.csv"}})
+
+
+def test_the_example_in_the_documentation_runs(root, capsys):
+    text = (root / "docs" / "netem.md").read_text(encoding="utf-8")
+    exec(text.split("```python\n")[1].split("```")[0], {})
+    printed = capsys.readouterr().out.splitlines()
+    assert sum(line.endswith(" delivered") for line in printed) > 900
+    assert any(line.endswith(LOST_BURST) for line in printed)

@@ -244,6 +244,44 @@ def test_laws_and_version():
     assert CliRunner().invoke(main, ["--version"]).output.startswith("formnet 0.1.0")
 
 
+def delays_ms(rules):
+    """The delay of every link of the ring 1-5 under ``rules``, as {(from, to): ms}."""
+    tables = "".join(f"[[network.links]]\n{rule}\n" for rule in rules)
+    scenario = loads(GOOD.replace("[robot_defaults]", tables + "[robot_defaults]", 1))
+    assert loads(dumps(scenario)) == scenario
+    return {
+        link: round(scenario.network.settings(*link).delay.mean_s * 1e3)
+        for link in scenario.directed_links
+    }
+
+
+def test_links_are_picked_by_id_list_or_star_one_way_or_both():
+    delay = "delay={{distribution='constant', mean_s={}}}".format
+    from_one = delays_ms(["from=1\nto='*'\n" + delay(0.2)])
+    assert {link for link, ms in from_one.items() if ms == 200} == {(1, 2), (1, 5)}
+    both = delays_ms(["from=1\nto=[2, 3]\nboth_ways=true\n" + delay(0.2)])
+    assert {link for link, ms in both.items() if ms == 200} == {(1, 2), (2, 1)}
+    later = delays_ms(["from='*'\nto='*'\n" + delay(0.2), "from=[2]\nto=3\n" + delay(0.3)])
+    assert later[2, 3] == 300
+    assert set(later.values()) == {200, 300}
+    assert list(later.values()).count(300) == 1
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ('from = "all"\nto = 1', "network.links[0].from = 'all': must be '*'"),
+        ("from = 1.5\nto = 1", "network.links[0].from = 1.5: must be a list"),
+        ("from = []\nto = 1", "network.links[0].from = []: needs at least 1 item(s)"),
+        ("from = 1\nto = 9", "network.links[0].to: robot 9 does not exist (robots: 1, 2, 3, 4, 5)"),
+        ("from = -1\nto = 1", "network.links[0].from = -1: must be at least 0"),
+    ],
+)
+def test_bad_selector_is_named(rule, message):
+    text = GOOD.replace("[robot_defaults]", f"[[network.links]]\n{rule}\n[robot_defaults]", 1)
+    assert problems(text) == [message]
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_presets_are_written_out_and_survive_a_round_trip(preset):
     scenario = loads(GOOD, overrides=[f'network.default={{preset="{preset}", keep_order=true}}'])
