@@ -27,6 +27,9 @@ from lab.recording import Recording, RunExists
 
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
 
+MOST_LINKS = 20
+"""How many links the table at the end of a run shows."""
+
 CLAIM_TITLES = {
     "formation": ("formation (Eq. 3)", "m"),
     "heading": ("heading (Eq. 4)", "rad"),
@@ -110,6 +113,7 @@ def _conclude(
         from lab import figures
 
         figures.draw(recording, recording.folder / "figures")
+    Console().print(_links_table(judged["links"]))
     Console().print(_table(judged))
     _summarise(console, recording, judged)
     if outcome.kind == "interrupted":
@@ -117,6 +121,29 @@ def _conclude(
     if outcome.kind not in ("completed", "diverged"):
         return BROKEN
     return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
+
+
+def _links_table(links: list[dict[str, Any]]) -> Table:
+    """What became of the messages, a row per directed link."""
+    title = "messages by link; delay and jitter in ms, longest silence in s"
+    if len(links) > MOST_LINKS:
+        title += f" (the first {MOST_LINKS} of {len(links)}; all are in verdict.json)"
+    table = Table(title=title, title_justify="left")
+    for head in ("link", "sent", "arrived", "lost", "p50", "p99", "max", "jitter", "silence"):
+        table.add_column(head, justify="right", no_wrap=True)
+    for link in links[:MOST_LINKS]:
+        lost = sum(link["lost"].values())
+        delay = link["delay_s"] or {}
+        table.add_row(
+            f"{link['source']}→{link['destination']}",
+            str(link["sent"]),
+            str(link["delivered"]),
+            f"{lost / link['sent']:.1%}" if link["sent"] else "-",
+            *(f"{delay[key] * 1e3:.4g}" if delay else "-" for key in ("p50", "p99", "max")),
+            f"{link['jitter_s'] * 1e3:.3g}",
+            f"{link['longest_silence_s']:.3g}",
+        )
+    return table
 
 
 def _table(judged: dict[str, Any]) -> Table:

@@ -13,7 +13,9 @@ from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
 from lab.recording import Recording, Trajectories, trajectory_sha256
+from netem import DUPLICATED
 from netem.settings import nanoseconds
+from netem.statistics import Fate, summarise
 
 
 def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
@@ -67,6 +69,7 @@ def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
         "claims": claims,
         "trajectory_sha256": trajectory_sha256(recording.samples),
         "messages": _messages(recording),
+        "links": _links(recording, outcome.t_ns),
         "simulated_s": simulated_s,
         "wall_s": wall_s,
         "realtime_factor": simulated_s / wall_s if wall_s > 0 else None,
@@ -149,13 +152,25 @@ def _messages(recording: Recording) -> dict[str, Any]:
             details = event.details
             rejected[details["robot"], details["source"], details["reason"]] = details["times"]
     return {
-        "sent": len(recording.link_rows),
+        "sent": sum(row.fate != DUPLICATED for row in recording.link_rows),
         "fates": dict(sorted(fates.items())),
         "rejected": [
             {"robot": robot, "source": source, "reason": reason, "times": times}
             for (robot, source, reason), times in rejected.items()
         ],
     }
+
+
+def _links(recording: Recording, end_ns: int) -> list[dict[str, Any]]:
+    """The statistics of every directed link that carried something, ascending."""
+    fates: dict[tuple[int, int], list[Fate]] = {}
+    for row in recording.link_rows:
+        fate = Fate(row.t_sent_ns, row.t_usable_ns, row.fate)
+        fates.setdefault((row.source, row.destination), []).append(fate)
+    return [
+        {"source": source, "destination": destination, **summarise(rows, end_ns)._asdict()}
+        for (source, destination), rows in sorted(fates.items())
+    ]
 
 
 def _last(series: NDArray[np.float64]) -> float | None:
