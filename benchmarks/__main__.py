@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import exchange, inline_speed, scaling
+from benchmarks import exchange, inline_speed, scaling, throughput
 from benchmarks.helics_fed import CORE
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.table import BenchmarkError, Report, Row
 
-GROUPS = ("a", "b", "c")
+GROUPS = ("a", "b", "c", "d")
 
 
 def main() -> int:
@@ -48,14 +48,16 @@ def _measure(group: str, plan: Plan, folder: Path) -> list[Row]:
         return exchange.measure(plan, folder)
     if group == "b":
         return inline_speed.measure(plan)
-    return scaling.measure(plan, folder)
+    if group == "c":
+        return scaling.measure(plan, folder)
+    return throughput.measure(plan)
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Cost of formnet's lockstep against the bare Zenoh exchange and HELICS (a), "
-        "inline speed (b), growth with the robots (c); one table of ratios.",
+        "inline speed (b), growth with the robots (c), a link's throughput (d); one table.",
     )
     parser.add_argument(
         "--ticks", type=_at_least(LEAST_TICKS), default=2000,
@@ -69,7 +71,7 @@ def _arguments() -> argparse.Namespace:
         "--helics-core", default=CORE, help="HELICS's core type (default %(default)s)"
     )
     parser.add_argument(
-        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c", help="only these"
+        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d", help="only these"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round here, too")
     return parser.parse_args()

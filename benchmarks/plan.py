@@ -36,6 +36,11 @@ class Plan:
         """Fewer: starting 41 processes takes several times as long as the run."""
         return min(3, self.rounds)
 
+    @property
+    def throughput_messages(self) -> int:
+        """A link takes some microseconds a message."""
+        return 100 * self.ticks
+
     def say(self, what: str) -> None:
         """Tell what is being measured."""
         self.console.print(what, style="dim", highlight=False)
