@@ -10,6 +10,8 @@ from typing import NoReturn
 
 import click
 
+from lab.build import stale
+
 SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
 OVERRIDE = click.option(
     "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
@@ -27,6 +29,9 @@ LEASH = click.option(
 @click.version_option(package_name="formnet", message="formnet %(version)s")
 def main() -> None:
     """Formation control over imperfect networks: run it, break it, get a verdict."""
+    problem = stale()
+    if problem is not None:
+        raise click.UsageError(problem)
 
 
 @main.command()

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import agent.robot
 from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
+from lab.build import compiled
 from lab.recording import Recording, Trajectories, trajectory_sha256
 from netem import DUPLICATED
 from netem.settings import nanoseconds
@@ -132,7 +132,7 @@ def versions() -> dict[str, str | bool]:
     found: dict[str, str | bool] = {
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "compiled": not str(agent.robot.__file__).endswith(".py"),
+        "compiled": compiled(),
     }
     for package in ("formnet", "eclipse-zenoh", "numpy", "msgpack"):
         try:

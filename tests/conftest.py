@@ -10,6 +10,7 @@ from hypothesis import settings
 
 from formation.loading import load
 from formation.scenario import Scenario
+from lab.build import stale
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -22,13 +23,9 @@ settings.load_profile("formnet")
 
 def pytest_configure() -> None:
     """Refuse to test compiled modules that are older than their source."""
-    for built in ROOT.glob("*/*.so"):
-        source = built.with_name(built.name.partition(".")[0] + ".py")
-        if built.stat().st_mtime < source.stat().st_mtime:
-            raise pytest.UsageError(
-                f"{source.relative_to(ROOT)} is newer than its compiled module: run `make build`, "
-                "or `make clean` to work with the source alone"
-            )
+    problem = stale()
+    if problem is not None:
+        raise pytest.UsageError(problem)
 
 
 def missing(package: str) -> NoReturn:

@@ -17,6 +17,7 @@ import pytest
 from conftest import missing
 
 from formation import bus, record
+from lab import build
 from lab.launch import free_port
 
 SECTION5 = "configs/paper/section5-delay.toml"
@@ -130,6 +131,24 @@ def test_distributed_inline_and_loaded_runs_are_bit_identical(start):
     assert other.verdict()["trajectory_sha256"] != hashes[0]
 
 
+def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
+    package = tmp_path / "lab"
+    package.mkdir()
+    (tmp_path / "setup.py").touch()
+    for name in ("__init__.py", "build.py", "cli.py"):
+        (package / name).write_bytes((root / "lab" / name).read_bytes())
+    source, built = tmp_path / "agent" / "robot.py", tmp_path / "agent" / "robot.cpython-3.so"
+    source.parent.mkdir()
+    for path, age in ((built, 100), (source, 200)):
+        path.touch()
+        os.utime(path, (age, age))
+    run = subprocess.run(
+        [sys.executable, "-m", "lab.cli", "laws"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert run.returncode == 2
+    assert "agent/robot.py is newer than its compiled module: run `make build`" in run.stderr
+
+
 def test_damaged_and_doubled_broadcasts_are_survived_and_counted(start):
     network = (
         'network.default={preset="wifi", duplicate={probability=0.2}, corrupt={probability=0.3}}'
@@ -149,7 +168,7 @@ def test_damaged_and_doubled_broadcasts_are_survived_and_counted(start):
 
 def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     """An install compiles the hot path where it can; the source alone must give the same bits."""
-    if not list(root.glob("agent/robot*.so")):
+    if not build.compiled():
         missing("gcc")
     for package in ("agent", "formation", "lab", "netem", "plant"):
         for source in (root / package).glob("*.py"):
