@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import exchange, inline_speed, scaling, throughput
+from benchmarks import exchange, inline_speed, lateness, scaling, throughput
 from benchmarks.helics_fed import CORE
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.table import BenchmarkError, Report, Row
 
-GROUPS = ("a", "b", "c", "d")
+GROUPS = ("a", "b", "c", "d", "e")
 
 
 def main() -> int:
@@ -50,14 +50,17 @@ def _measure(group: str, plan: Plan, folder: Path) -> list[Row]:
         return inline_speed.measure(plan)
     if group == "c":
         return scaling.measure(plan, folder)
-    return throughput.measure(plan)
+    if group == "d":
+        return throughput.measure(plan)
+    return lateness.measure(plan)
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Cost of formnet's lockstep against the bare Zenoh exchange and HELICS (a), "
-        "inline speed (b), growth with the robots (c), a link's throughput (d); one table.",
+        "inline speed (b), growth with the robots (c), a link's throughput (d) and its lateness "
+        "on the wall clock (e); one table.",
     )
     parser.add_argument(
         "--ticks", type=_at_least(LEAST_TICKS), default=2000,
@@ -71,7 +74,7 @@ def _arguments() -> argparse.Namespace:
         "--helics-core", default=CORE, help="HELICS's core type (default %(default)s)"
     )
     parser.add_argument(
-        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d", help="only these"
+        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d,e", help="only these"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round here, too")
     return parser.parse_args()

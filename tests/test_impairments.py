@@ -610,9 +610,12 @@ def test_numbers_may_come_from_a_file(tmp_path):
         validated({"delay": {"distribution": "empirical", "file": "rtt.csv"}})
 
 
-def test_the_example_in_the_documentation_runs(root, capsys):
+def test_the_examples_in_the_documentation_run(root, capsys):
     text = (root / "docs" / "netem.md").read_text(encoding="utf-8")
-    exec(text.split("```python\n")[1].split("```")[0], {})
+    virtual, wall = (part.split("```")[0] for part in text.split("```python\n")[1:])
+    exec(virtual, {})
     printed = capsys.readouterr().out.splitlines()
     assert sum(line.endswith(" delivered") for line in printed) > 900
     assert any(line.endswith(LOST_BURST) for line in printed)
+    exec(wall, {})
+    assert capsys.readouterr().out.count("b'hello' for rover") >= 9

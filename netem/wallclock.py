@@ -1,0 +1,112 @@
+"""Links on the wall clock: one thread that delivers when a copy is due, never earlier.
+
+The thin shell around the pure :class:`netem.link.Link`; virtual time needs none.
+"""
+
+import ctypes
+import heapq
+import itertools
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from netem.link import Link, Transit
+
+now_ns = time.monotonic_ns
+"""The clock of every instant here (CLOCK_MONOTONIC where there is one)."""
+
+
+class WallClock:
+    """Carries messages over links in real time.
+
+    ``deliver(link, copy)`` is called on one thread of this object's, in order of
+    due times; it must not block for long, and an exception in it ends the
+    process's carrying: it is raised again by :meth:`close`. Use as a context
+    manager, or call :meth:`close`.
+    """
+
+    def __init__(self, deliver: Callable[[Link, Transit], None]) -> None:
+        self._deliver = deliver
+        self._changed = threading.Condition()
+        self._due: list[tuple[int, int, Link]] = []  # when, order, link with something due then
+        self._order = itertools.count()
+        self._closing = False
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="netem wall clock", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "WallClock":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def send(self, link: Link, sequence: int, payload: bytes) -> list[Transit]:
+        """Put a message on ``link`` now; returns every copy's fate, as :meth:`Link.send` does.
+
+        Callable from any thread; messages of one link in sequence order.
+
+        Raises:
+            RuntimeError: the clock is closed.
+        """
+        with self._changed:
+            if self._closing:
+                raise RuntimeError("the wall clock is closed")
+            copies = link.send(now_ns(), sequence, payload)
+            for copy in copies:
+                if not copy.lost:
+                    first = not self._due or copy.due_ns < self._due[0][0]
+                    heapq.heappush(self._due, (copy.due_ns, next(self._order), link))
+                    if first:
+                        self._changed.notify()
+        return copies
+
+    def close(self, *, drain: bool = True) -> None:
+        """Stop: after all that is in flight has been delivered, or at once.
+
+        Raises:
+            Exception: what ``deliver`` raised.
+        """
+        with self._changed:
+            self._closing = True
+            if not drain:
+                self._due.clear()
+            self._changed.notify()
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def _run(self) -> None:
+        _wake_punctually()
+        try:
+            while (found := self._wait()) is not None:
+                link, copies = found
+                for copy in copies:
+                    self._deliver(link, copy)
+        except Exception as error:  # whatever the receiver raises
+            with self._changed:
+                self._error, self._closing = error, True
+
+    def _wait(self) -> tuple[Link, list[Transit]] | None:
+        """The next link with something due, and that; None at the end."""
+        with self._changed:
+            while True:
+                if not self._due:
+                    if self._closing:
+                        return None
+                    self._changed.wait()
+                    continue
+                left_ns = self._due[0][0] - now_ns()
+                if left_ns > 0:
+                    self._changed.wait(left_ns / 1e9)
+                    continue
+                due_ns, _, link = heapq.heappop(self._due)
+                return link, link.deliver(due_ns)
+
+
+def _wake_punctually() -> None:
+    """Have the kernel wake this thread on time: by default it may lag 50 µs (prctl(2))."""
+    if sys.platform == "linux":
+        pr_set_timerslack = 29
+        ctypes.CDLL(None).prctl(pr_set_timerslack, 1)

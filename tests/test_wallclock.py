@@ -1,0 +1,66 @@
+"""The wall clock: nothing early, nothing lost, in order, and errors come out."""
+
+import threading
+
+import pytest
+
+from netem import ConstantDelay, Link, RandomLoss, UniformDelay
+from netem.wallclock import WallClock, now_ns
+
+MS = 1_000_000
+
+
+def links(count, *make):
+    return [Link([m() for m in make], seed=1, source=k, destination="all") for k in range(count)]
+
+
+def test_nothing_is_early_or_lost_and_each_link_keeps_its_due_order():
+    arrived = []
+    many = links(5, lambda: RandomLoss(0.2), lambda: UniformDelay(0, 30 * MS))
+    copies = []
+    with WallClock(lambda link, copy: arrived.append((now_ns(), link, copy))) as clock:
+        for k in range(400):
+            copies += clock.send(many[k % 5], k // 5, b"x")
+    assert sorted(id(copy) for _, _, copy in arrived) == sorted(id(c) for c in copies if not c.lost)
+    assert any(copy.lost for copy in copies)
+    assert all(at >= copy.due_ns for at, _, copy in arrived)
+    for link in many:
+        due = [copy.due_ns for _, there, copy in arrived if there is link]
+        assert due == sorted(due)
+
+
+def test_an_earlier_message_overtakes_one_that_is_waited_for():
+    (slow,), (fast,) = links(1, lambda: ConstantDelay(300 * MS)), links(1)
+    order, done = [], threading.Event()
+
+    def deliver(link, copy):
+        order.append(copy.payload)
+        if len(order) == 2:
+            done.set()
+
+    with WallClock(deliver) as clock:
+        clock.send(slow, 0, b"slow")
+        clock.send(fast, 0, b"fast")
+        assert done.wait(10)
+    assert order == [b"fast", b"slow"]
+
+
+def test_closing_at_once_drops_what_is_in_flight():
+    (link,) = links(1, lambda: ConstantDelay(3600 * 10**9))
+    clock = WallClock(lambda *_: pytest.fail("delivered"))
+    clock.send(link, 0, b"x")
+    clock.close(drain=False)
+    with pytest.raises(RuntimeError, match="closed"):
+        clock.send(link, 1, b"x")
+
+
+def test_an_error_of_the_receiver_comes_out():
+    (link,) = links(1)
+
+    def deliver(link, copy):
+        raise KeyError("mine")
+
+    clock = WallClock(deliver)
+    clock.send(link, 0, b"x")
+    with pytest.raises(KeyError, match="mine"):
+        clock.close()
