@@ -18,7 +18,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from formation.scenario import Scenario, named
-from netem.settings import nanoseconds
+from netem.tables import nanoseconds
 
 Place = tuple[str | int, ...]
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
 from formation.messages import State
-from netem.settings import LinkOverrides, LinkSettings, nanoseconds
+from netem.settings import LinkOverrides, LinkSettings
+from netem.tables import nanoseconds
 
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 

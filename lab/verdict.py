@@ -14,8 +14,8 @@ from formation.theory import CLAIMS, assess
 from lab.build import compiled
 from lab.recording import Recording, Trajectories, trajectory_sha256
 from netem import DUPLICATED
-from netem.settings import nanoseconds
 from netem.statistics import Fate, summarise
+from netem.tables import nanoseconds
 
 
 def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:

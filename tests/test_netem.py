@@ -24,13 +24,10 @@ from netem import (
     UniformDelay,
     stream,
 )
+from netem.delay_settings import ConstantDelaySettings, UniformDelaySettings
 from netem.link import Link
-from netem.settings import (
-    ConstantDelaySettings,
-    RandomLossSettings,
-    UniformDelaySettings,
-    nanoseconds,
-)
+from netem.loss_settings import RandomLossSettings
+from netem.tables import nanoseconds
 
 ALPHA = 0.001
 MS = 1_000_000

@@ -1,0 +1,242 @@
+"""The tables that stand after ``delay =``."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from netem import distributions
+from netem.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
+from netem.link import Impairment
+from netem.tables import (
+    Correlation,
+    FromFile,
+    Positive,
+    PositiveSeconds,
+    Seconds,
+    Table,
+    nanoseconds,
+    read_numbers,
+)
+
+
+class ConstantDelaySettings(Table):
+    """``delay = { distribution = "constant", mean_s = 0.1 }``"""
+
+    distribution: Literal["constant"] = "constant"
+    mean_s: Seconds = 0.0
+
+    @property
+    def range_ns(self) -> tuple[int, int | None]:
+        """The shortest and the longest delay; None if there is no longest."""
+        return nanoseconds(self.mean_s), nanoseconds(self.mean_s)
+
+    def impairment(self) -> Impairment:
+        return ConstantDelay(nanoseconds(self.mean_s))
+
+
+class UniformDelaySettings(Table):
+    """``delay = { distribution = "uniform", low_s = 0.05, high_s = 0.3 }``"""
+
+    distribution: Literal["uniform"]
+    low_s: Seconds
+    high_s: Seconds
+    correlation: Correlation = 0.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "UniformDelaySettings":
+        if self.low_s > self.high_s:
+            raise ValueError(f"low_s = {self.low_s} must not exceed high_s = {self.high_s}")
+        return self
+
+    @property
+    def range_ns(self) -> tuple[int, int | None]:
+        """The shortest and the longest delay."""
+        return nanoseconds(self.low_s), nanoseconds(self.high_s)
+
+    def impairment(self) -> Impairment:
+        return UniformDelay(nanoseconds(self.low_s), nanoseconds(self.high_s), self.correlation)
+
+
+class _RandomDelaySettings(Table):
+    """What all unbounded distributions share: ``offset_s`` is added to every draw."""
+
+    offset_s: Seconds = 0.0
+    correlation: Correlation = 0.0
+
+    @property
+    def range_ns(self) -> tuple[int, int | None]:
+        """The shortest delay; there is no longest."""
+        return nanoseconds(self.offset_s), None
+
+    def law(self) -> distributions.Distribution:
+        """The distribution of what comes on top of the offset."""
+        raise TypeError(type(self))
+
+    def impairment(self) -> Impairment:
+        return RandomDelay(self.law(), self.offset_s, self.correlation)
+
+
+class NormalDelaySettings(_RandomDelaySettings):
+    """``{ distribution = "normal", mean_s = 0.05, stddev_s = 0.01 }``, truncated at zero."""
+
+    distribution: Literal["normal"]
+    mean_s: PositiveSeconds
+    stddev_s: PositiveSeconds
+
+    def law(self) -> distributions.Distribution:
+        return distributions.Normal(self.mean_s, self.stddev_s)
+
+
+class LogNormalDelaySettings(_RandomDelaySettings):
+    """``{ distribution = "lognormal", mean_s = 0.05, stddev_s = 0.01 }`` of the delay itself."""
+
+    distribution: Literal["lognormal"]
+    mean_s: PositiveSeconds
+    stddev_s: PositiveSeconds
+
+    def law(self) -> distributions.Distribution:
+        return distributions.LogNormal(self.mean_s, self.stddev_s)
+
+
+class GammaDelaySettings(_RandomDelaySettings):
+    """``{ distribution = "gamma", mean_s = 0.05, stddev_s = 0.01 }``"""
+
+    distribution: Literal["gamma"]
+    mean_s: PositiveSeconds
+    stddev_s: PositiveSeconds
+
+    def law(self) -> distributions.Distribution:
+        return distributions.Gamma(self.mean_s, self.stddev_s)
+
+
+class WeibullDelaySettings(_RandomDelaySettings):
+    """``{ distribution = "weibull", scale_s = 0.05, shape = 1.5 }``"""
+
+    distribution: Literal["weibull"]
+    scale_s: PositiveSeconds
+    shape: Positive
+
+    def law(self) -> distributions.Distribution:
+        return distributions.Weibull(self.scale_s, self.shape)
+
+
+class ParetoDelaySettings(_RandomDelaySettings):
+    """``{ distribution = "pareto", minimum_s = 0.02, shape = 3.0 }``"""
+
+    distribution: Literal["pareto"]
+    minimum_s: PositiveSeconds
+    shape: Positive
+
+    @model_validator(mode="after")
+    def _has_variance(self) -> "ParetoDelaySettings":
+        if self.correlation and self.shape <= 2.0:
+            raise ValueError(
+                f"shape = {self.shape} has no variance, so correlation = {self.correlation} "
+                "means nothing: needs shape > 2"
+            )
+        return self
+
+    def law(self) -> distributions.Distribution:
+        return distributions.Pareto(self.minimum_s, self.shape)
+
+
+class ExponentialDelaySettings(_RandomDelaySettings):
+    """``{ distribution = "exponential", mean_s = 0.01, offset_s = 0.02 }``"""
+
+    distribution: Literal["exponential"]
+    mean_s: PositiveSeconds
+
+    def law(self) -> distributions.Distribution:
+        return distributions.Exponential(self.mean_s)
+
+
+class EmpiricalDelaySettings(FromFile):
+    """``{ distribution = "empirical", samples_s = [0.01, 0.02] }``, or ``file = "rtt.csv"``.
+
+    The file has one number (seconds) per line; a first line that is none is a header.
+    """
+
+    distribution: Literal["empirical"]
+    samples_s: Annotated[list[Seconds], Field(min_length=1)]
+    correlation: Correlation = 0.0
+
+    @classmethod
+    def columns(cls, path: Path) -> dict[str, Any]:
+        return {"samples_s": [row[0] for row in read_numbers(path, 1)]}
+
+    @property
+    def range_ns(self) -> tuple[int, int | None]:
+        """The shortest and the longest sample."""
+        return nanoseconds(min(self.samples_s)), nanoseconds(max(self.samples_s))
+
+    def impairment(self) -> Impairment:
+        if min(self.samples_s) == max(self.samples_s):
+            return ConstantDelay(nanoseconds(self.samples_s[0]))
+        return RandomDelay(distributions.Empirical(self.samples_s), 0.0, self.correlation)
+
+
+class TraceDelaySettings(FromFile):
+    """``{ distribution = "trace", times_s = [0.0, 1.0], delays_s = [0.01, 0.05], period_s = 2.0 }``
+
+    or ``file = "trace.csv"`` with the columns time and delay (seconds). Without
+    ``period_s`` the last row lasts as long as the one before it. Times count
+    from the first.
+    """
+
+    distribution: Literal["trace"]
+    times_s: Annotated[list[Annotated[float, Field(ge=0.0)]], Field(min_length=1)]
+    delays_s: Annotated[list[Seconds], Field(min_length=1)]
+    period_s: Positive | None = None
+
+    @classmethod
+    def columns(cls, path: Path) -> dict[str, Any]:
+        rows = read_numbers(path, 2)
+        return {"times_s": [row[0] for row in rows], "delays_s": [row[1] for row in rows]}
+
+    @model_validator(mode="after")
+    def _replayable(self) -> "TraceDelaySettings":
+        if len(self.times_s) != len(self.delays_s):
+            raise ValueError(
+                f"times_s has {len(self.times_s)} entries and delays_s {len(self.delays_s)}"
+            )
+        if len(self.times_s) == 1 and self.period_s is None:
+            raise ValueError("a trace of one row needs period_s")
+        bounds = self._bounds_ns()
+        for index, (before, after) in enumerate(pairwise(bounds)):
+            if before >= after:
+                what = "period_s" if index == len(self.times_s) - 1 else f"times_s[{index + 1}]"
+                raise ValueError(f"{what} must exceed the time before it: times ascend")
+        return self
+
+    @property
+    def range_ns(self) -> tuple[int, int | None]:
+        """The shortest and the longest delay of the trace."""
+        return nanoseconds(min(self.delays_s)), nanoseconds(max(self.delays_s))
+
+    def impairment(self) -> Impairment:
+        *times_ns, period_ns = self._bounds_ns()
+        return TraceDelay(times_ns, [nanoseconds(d) for d in self.delays_s], period_ns)
+
+    def _bounds_ns(self) -> list[int]:
+        """When each row begins, and when the trace begins anew."""
+        times_ns = [nanoseconds(t - self.times_s[0]) for t in self.times_s]
+        if self.period_s is None:
+            return [*times_ns, 2 * times_ns[-1] - times_ns[-2]]
+        return [*times_ns, nanoseconds(self.period_s)]
+
+
+DelaySettings = Annotated[
+    ConstantDelaySettings
+    | UniformDelaySettings
+    | NormalDelaySettings
+    | LogNormalDelaySettings
+    | GammaDelaySettings
+    | WeibullDelaySettings
+    | ParetoDelaySettings
+    | ExponentialDelaySettings
+    | EmpiricalDelaySettings
+    | TraceDelaySettings,
+    Field(discriminator="distribution"),
+]

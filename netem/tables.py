@@ -1,0 +1,85 @@
+"""What all tables of settings share: strict types, units, numbers from CSV files."""
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+
+STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
+PositiveSeconds = Annotated[float, Field(gt=0.0, le=3600.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Correlation = Annotated[float, Field(ge=0.0, lt=1.0)]
+Count = Annotated[int, Field(ge=0)]
+
+
+def nanoseconds(seconds: float) -> int:
+    """Seconds as the nearest whole number of nanoseconds."""
+    return round(seconds * 1e9)
+
+
+class Table(BaseModel):
+    """A table: strict types, unknown keys refused, immutable."""
+
+    model_config = STRICT
+
+
+class FromFile(Table):
+    """A table that may name a CSV ``file`` instead of giving the numbers.
+
+    Where it is looked for is ``folder`` in the context of the validation.
+    """
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, data: Any, info: ValidationInfo) -> Any:
+        if not isinstance(data, Mapping) or "file" not in data:
+            return data
+        folder = (info.context or {}).get("folder")
+        if folder is None:
+            raise ValueError(f"file {data['file']}: may only be named in a file; give the numbers")
+        rest = {key: value for key, value in data.items() if key != "file"}
+        return rest | cls.columns(Path(folder, str(data["file"])))
+
+    @classmethod
+    def columns(cls, path: Path) -> dict[str, Any]:
+        """The file's columns by the names they have in the table."""
+        raise TypeError(cls)
+
+
+def read_numbers(path: Path, columns: int) -> list[list[float]]:
+    """The rows of a CSV file of ``columns`` finite numbers; a first row of words is a header.
+
+    Raises:
+        ValueError: it cannot be read, is empty, or a row is something else; names file and line.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            lines = list(enumerate(csv.reader(stream), start=1))
+    except OSError as error:
+        raise ValueError(f"file {path} cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"file {path} is no CSV: {error}") from None
+    rows = []
+    for number, row in lines:
+        if not row:
+            continue
+        try:
+            values = [float(field) for field in row]
+        except ValueError:
+            if number == 1:
+                continue
+            values = []
+        if len(values) != columns or not all(map(math.isfinite, values)):
+            raise ValueError(
+                f"file {path}, line {number}: {','.join(row)!r} is not {columns} finite number(s)"
+            )
+        rows.append(values)
+    if not rows:
+        raise ValueError(f"file {path} holds no numbers")
+    return rows
