@@ -2,8 +2,7 @@
 
 The sizes take turns in every round, each for about as long. Linear growth is an
 exponent of one in the power law that fits the four sizes best. Measured beside it:
-the bare exchange, whose growth is the machine's and Zenoh's own, and the inline run,
-whose growth is that of formnet's own work.
+the bare exchange (messages and processes alone) and the inline run (formnet's own work).
 """
 
 import statistics
