@@ -1,7 +1,7 @@
 """Compiles what runs in every tick with mypyc, where a C compiler is at hand.
 
 The same source runs interpreted and compiled and gives the same bits; compiled,
-it is several times faster. Without a compiler the build goes on without.
+it is faster. Without a compiler the build goes on without.
 """
 
 import sys

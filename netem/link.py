@@ -122,17 +122,17 @@ class Link:
             raise ValueError(f"impairments of one link need distinct names, got {names}")
         twins = {
             id(original): twin
-            for (original, _), (twin, _) in zip(self._originals, self._twins, strict=True)
+            for (original, _), (twin, _) in zip(self._originals, self._twins, strict=False)
         }
         self._originals = [(stage, self._stream(stage.name)) for stage in impairments]
+        self._twins, self._duplicates = [], None
+        if duplicate is None:
+            return  # twins are not free: a correlated delay calibrates its copula
         self._twins = [
-            (
-                twins.get(id(stage)) or stage.twin(),
-                self._stream(f"{stage.name} of duplicates"),
-            )
+            (twins.get(id(stage)) or stage.twin(), self._stream(f"{stage.name} of duplicates"))
             for stage in impairments
         ]
-        self._duplicates = None if duplicate is None else (duplicate, self._stream("duplicate"))
+        self._duplicates = (duplicate, self._stream("duplicate"))
 
     def _stream(self, name: str) -> Random:
         if name not in self._streams:

@@ -1,6 +1,6 @@
 """Named random streams: one per (seed, source, destination, impairment).
 
-Every impairment of every link draws from a stream of its own, once per message
+Every impairment of every link draws from a stream of its own, message by message
 in sequence order. Adding a link or an impairment therefore changes no draw of
 any other, which tc-netem's single generator cannot promise.
 """

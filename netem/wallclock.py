@@ -13,21 +13,19 @@ from collections.abc import Callable
 
 from netem.link import Link, Transit
 
-now_ns = time.monotonic_ns
-"""The clock of every instant here (CLOCK_MONOTONIC where there is one)."""
-
 
 class WallClock:
-    """Carries messages over links in real time.
+    """Carries messages over links in real time, which begins at 0 with this object.
 
     ``deliver(link, copy)`` is called on one thread of this object's, in order of
-    due times; it must not block for long, and an exception in it ends the
-    process's carrying: it is raised again by :meth:`close`. Use as a context
+    due times; it must not block for long. An exception in it stops the
+    delivery and is raised again by :meth:`close`. Use as a context
     manager, or call :meth:`close`.
     """
 
     def __init__(self, deliver: Callable[[Link, Transit], None]) -> None:
         self._deliver = deliver
+        self._origin_ns = time.monotonic_ns()
         self._changed = threading.Condition()
         self._due: list[tuple[int, int, Link]] = []  # when, order, link with something due then
         self._order = itertools.count()
@@ -42,6 +40,10 @@ class WallClock:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def now_ns(self) -> int:
+        """Nanoseconds since this object was made: the time of its links."""
+        return time.monotonic_ns() - self._origin_ns
+
     def send(self, link: Link, sequence: int, payload: bytes) -> list[Transit]:
         """Put a message on ``link`` now; returns every copy's fate, as :meth:`Link.send` does.
 
@@ -53,7 +55,7 @@ class WallClock:
         with self._changed:
             if self._closing:
                 raise RuntimeError("the wall clock is closed")
-            copies = link.send(now_ns(), sequence, payload)
+            copies = link.send(self.now_ns(), sequence, payload)
             for copy in copies:
                 if not copy.lost:
                     first = not self._due or copy.due_ns < self._due[0][0]
@@ -97,7 +99,7 @@ class WallClock:
                         return None
                     self._changed.wait()
                     continue
-                left_ns = self._due[0][0] - now_ns()
+                left_ns = self._due[0][0] - self.now_ns()
                 if left_ns > 0:
                     self._changed.wait(left_ns / 1e9)
                     continue
