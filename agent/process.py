@@ -95,7 +95,7 @@ class RobotProcess:
         ]
         end = self._meet(robot) or self._attend(robot)
         with self._lock:
-            self._flush(robot)
+            self._flush(robot, last=True)
         if isinstance(end, Failed):
             return 3
         self._send(End(self._id, end.reason))
@@ -150,9 +150,10 @@ class RobotProcess:
             if isinstance(message, End | Failed):
                 return message
 
-    def _flush(self, robot: Robot) -> None:
+    def _flush(self, robot: Robot, *, last: bool = False) -> None:
         """Report fates and refusals; the caller holds the lock."""
-        rows, rejections = robot.take_link_rows(), robot.take_rejections()
+        rows = robot.take_last_link_rows() if last else robot.take_link_rows()
+        rejections = robot.take_rejections()
         for start in range(0, len(rows), _FLUSH_ROWS):
             self._send(Links(self._id, rows[start : start + _FLUSH_ROWS]))
         for rejection in rejections:

@@ -30,6 +30,7 @@ from formation.messages import (
 )
 from formation.record import LinkRow
 from formation.scenario import Scenario
+from netem.link import IN_FLIGHT, Transit
 
 _NEVER = 2**63 - 1
 
@@ -66,17 +67,18 @@ class Robot:
         self._command: Callable[..., Any] = law.command  # a plug-in may return anything
         self._period_ns = scenario.clock.control_period_ns
         self._every = scenario.clock.broadcast_every
-        self._links = {
-            source: scenario.network.settings(source, robot).link(
-                seed=scenario.seed, source=source, destination=robot
-            )
-            for source in self.neighbours
+        self._links = {source: scenario.link(source, robot) for source in self.neighbours}
+        self._timelines = {
+            source: scenario.timeline_of(source, robot, link)
+            for source, link in self._links.items()
         }
         self._heard: dict[int, Stamped] = {}
         self._newest: tuple[Stamped, ...] = ()
         self._arrived = dict.fromkeys(self.neighbours, -1)  # tick of the newest arrival
         self._heard_up_to = -1 if self.neighbours else _NEVER  # the least of _arrived
-        self._next_due_ns = _NEVER  # the least of the links' next deliveries
+        self._next_due_ns = min(  # when a link delivers or changes next
+            (timeline.next_ns for timeline in self._timelines.values()), default=_NEVER
+        )
         self._sequences = dict.fromkeys(self.neighbours, -1)
         self._sequence = 0
         self._latest_possible = 0
@@ -128,14 +130,13 @@ class Robot:
         self._sequences[source] = note.sequence
         self._arrived[source] = note.tick
         self._heard_up_to = min(self._arrived.values())
-        for copy in link.send(note.tick * self._period_ns, note.sequence, payload):
-            usable_ns = None if copy.lost else copy.due_ns
-            self._rows.append(
-                make(
-                    LinkRow,
-                    (copy.sent_ns, usable_ns, source, self.robot, copy.sequence, copy.fate),
-                )
-            )
+        sent_ns = note.tick * self._period_ns
+        timeline = self._timelines[source]
+        if timeline.ramping or timeline.next_ns <= sent_ns:
+            self._note(source, timeline.advance(sent_ns))
+        for copy in link.send(sent_ns, note.sequence, payload):
+            if copy.lost:
+                self._note(source, [copy])
         due_ns = link.next_due_ns
         if due_ns is not None and due_ns < self._next_due_ns:
             self._next_due_ns = due_ns
@@ -159,9 +160,17 @@ class Robot:
         return len(self._rows) + len(self._unreported)
 
     def take_link_rows(self) -> list[LinkRow]:
-        """Fates of messages on incoming links since the last call."""
+        """Fates of messages on incoming links that were decided since the last call."""
         rows, self._rows = self._rows, []
         return rows
+
+    def take_last_link_rows(self) -> list[LinkRow]:
+        """Like :meth:`take_link_rows`, and all that is still in flight: nothing more will come."""
+        for source, link in self._links.items():
+            for copy in link.in_flight:
+                copy.fate = IN_FLIGHT
+                self._note(source, [copy])
+        return self.take_link_rows()
 
     def take_rejections(self) -> list[Rejected]:
         """Kinds of refused messages whose counts have changed since the last call."""
@@ -205,7 +214,14 @@ class Robot:
         changed = False
         self._next_due_ns = _NEVER
         for source, link in self._links.items():
-            for copy in link.deliver(now_ns):
+            timeline = self._timelines[source]
+            if timeline.next_ns <= now_ns:
+                self._note(source, timeline.advance(now_ns))
+            if timeline.next_ns < self._next_due_ns:
+                self._next_due_ns = timeline.next_ns
+            copies = link.deliver(now_ns)
+            self._note(source, copies)
+            for copy in copies:
                 message = self._checked(source, copy.payload, copy.sent_ns)
                 known = self._heard.get(source)
                 if message is not None and (known is None or message.stamp_ns > known.stamp_ns):
@@ -216,6 +232,18 @@ class Robot:
                 self._next_due_ns = due_ns
         if changed:
             self._newest = tuple(self._heard[i] for i in self.neighbours if i in self._heard)
+
+    def _note(self, source: int, copies: list[Transit]) -> None:
+        """Record the fates of copies on the link from ``source``."""
+        for copy in copies:
+            arrives = not copy.lost and copy.fate != IN_FLIGHT
+            usable_ns = copy.due_ns if arrives else None
+            self._rows.append(
+                make(
+                    LinkRow,
+                    (copy.sent_ns, usable_ns, source, self.robot, copy.sequence, copy.fate),
+                )
+            )
 
     def _checked(self, source: int, payload: bytes, sent_ns: int) -> Stamped | None:
         try:

@@ -5,34 +5,21 @@ when some values are bad, each bad value is noted and then replaced by a good
 one, so that the whole can still be built.
 """
 
-import difflib
 import tomllib
-import types
-import typing
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import tomli_w
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from formation.scenario import Scenario, named
+from formation.scenario import Scenario
+from formation.selectors import named
+from netem.problems import Place, Problem, problems
+from netem.settings import SettingError
 from netem.tables import nanoseconds
-
-Place = tuple[str | int, ...]
-
-
-class Problem(NamedTuple):
-    """One thing wrong with a scenario: where, what stands there, which rule it breaks."""
-
-    place: str
-    value: str | None
-    rule: str
-
-    def __str__(self) -> str:
-        value = "" if self.value is None else f" = {self.value}"
-        return f"{self.place}{value}: {self.rule}"
+from netem.timeline import NEVER
 
 
 class ScenarioError(ValueError):
@@ -78,18 +65,18 @@ def loads(
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _failure(file, f"not TOML: {error}") from None
-    problems = [problem for text in overrides if (problem := _override(data, text))]
+    bad = [problem for text in overrides if (problem := _override(data, text))]
     scenario, found = _validate(data, folder)
-    problems += found
+    bad += found
     if scenario is not None:
-        places = tuple(problem.place for problem in problems)
-        problems += [
+        places = tuple(problem.place for problem in bad)
+        bad += [
             problem
             for problem in _cross_check(scenario)
             if not any(place.startswith(problem.place) for place in places)  # a stand-in's fault
         ]
-    if problems or scenario is None:
-        raise ScenarioError(file, problems)
+    if bad or scenario is None:
+        raise ScenarioError(file, bad)
     return scenario
 
 
@@ -160,17 +147,16 @@ def _validate(data: dict[str, Any], folder: Path | None) -> tuple[Scenario | Non
     try:
         return Scenario.model_validate(data, context=context), []
     except ValidationError as error:
-        errors = error.errors()
-    problems = [_problem(data, item["loc"], item["type"], item) for item in errors]
+        errors, found = error.errors(), problems(Scenario, data, error)
     data = deepcopy(data)
     for _ in range(5):  # a place inside a mended place may need another round
         for item in errors:
             _mend(data, item["loc"], missing=item["type"] == "missing")
         try:
-            return Scenario.model_validate(data, context=context), problems
+            return Scenario.model_validate(data, context=context), found
         except ValidationError as error:
             errors = error.errors()
-    return None, problems
+    return None, found
 
 
 _STAND_INS: dict[str, Any] = {
@@ -206,127 +192,21 @@ def _mend(data: Any, loc: Place, *, missing: bool) -> None:
         table.pop(key, None)
 
 
-_RULES = {
-    "string_type": "must be a string",
-    "int_type": "must be a whole number",
-    "float_type": "must be a number",
-    "bool_type": "must be true or false",
-    "list_type": "must be a list",
-    "tuple_type": "must be a list",
-    "dict_type": "must be a table",
-    "model_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "finite_number": "must be finite",
-    "greater_than": "must be greater than {gt:g}",
-    "greater_than_equal": "must be at least {ge:g}",
-    "less_than_equal": "must be at most {le:g}",
-    "literal_error": "must be {expected}",
-    "union_tag_invalid": "its {discriminator} must be one of {expected_tags}",
-    "union_tag_not_found": "needs {discriminator} to say which kind it is",
-    "too_short": "needs at least {min_length} item(s)",
-    "too_long": "must have exactly {max_length} items",
-    "string_pattern_mismatch": "must start with a letter or digit; then letters, digits, . _ -",
-    "value_error": "{error}",
-}
-
-
-def _problem(data: Any, loc: Place, kind: str, item: Any) -> Problem:
-    place = _dotted(_place(data, loc))
-    if kind == "missing":
-        return Problem(_dotted((*_place(data, loc[:-1]), loc[-1])), None, "is required")
-    value = _shown(item["input"])
-    if kind == "extra_forbidden":
-        return Problem(place, value, _unknown_key(loc))
-    template = _RULES.get(kind)
-    rule = item["msg"] if template is None else template.format(**item.get("ctx", {}))
-    return Problem(place, value, rule)
-
-
-def _place(data: Any, loc: Place) -> Place:
-    """``loc`` as far as the file has it: without pydantic's names of union members."""
-    place: list[str | int] = []
-    for part in loc:
-        inside = part in data if isinstance(data, dict) else isinstance(data, list | tuple)
-        if inside and (isinstance(data, dict) or (isinstance(part, int) and part < len(data))):
-            data = data[part]
-            place.append(part)
-    return tuple(place)
-
-
-def _unknown_key(loc: Place) -> str:
-    known = sorted(_keys_at(loc[:-1]))
-    near = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
-    if near:
-        return f"unknown key; did you mean {near[0]!r}?"
-    return f"unknown key; valid keys here: {', '.join(known)}"
-
-
-def _keys_at(loc: Place) -> set[str]:
-    """The keys that the table at ``loc`` may have."""
-    keys: set[str] = set()
-    for model in _models_at(loc):
-        keys |= {info.alias or name for name, info in model.model_fields.items()}
-    return keys
-
-
-def _models_at(loc: Place) -> list[type[BaseModel]]:
-    models: list[type[BaseModel]] = [Scenario]
-    for part in loc:
-        if isinstance(part, int):
-            continue
-        deeper = [
-            found
-            for model in models
-            for name, info in model.model_fields.items()
-            if part in (name, info.alias)
-            for found in _models_in(info.annotation)
-        ]
-        # A part that is no field is a union's tag: narrow to the models that have it.
-        models = deeper or [m for m in models if part in _tags_of(m)] or models
-    return models
-
-
-def _tags_of(model: type[BaseModel]) -> set[Any]:
-    return {
-        value
-        for info in model.model_fields.values()
-        if typing.get_origin(info.annotation) is typing.Literal
-        for value in typing.get_args(info.annotation)
-    }
-
-
-def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    elif typing.get_origin(annotation) in (list, typing.Annotated, typing.Union, types.UnionType):
-        for argument in typing.get_args(annotation):
-            yield from _models_in(argument)
-
-
-def _dotted(loc: Place) -> str:
-    text = ""
-    for part in loc:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
-    return text
-
-
-def _shown(value: Any) -> str:
-    text = repr(value) if not isinstance(value, bool) else str(value).lower()
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
 # --- rules between values --------------------------------------------------------------
 
 
 def _cross_check(scenario: Scenario) -> list[Problem]:
-    return [
+    found = [
         *_check_clock(scenario),
         *_check_robots(scenario),
         *_check_edges(scenario),
         *_check_coupling(scenario),
-        *_check_links(scenario),
+        *_check_selectors(scenario),
         *_check_window(scenario),
     ]
+    if not found:  # which links there are is clear
+        found = [*_check_links(scenario)] or [*_check_timeline(scenario)]
+    return found
 
 
 def _check_clock(scenario: Scenario) -> Iterator[Problem]:
@@ -398,11 +278,50 @@ def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
             )
 
 
-def _check_links(scenario: Scenario) -> Iterator[Problem]:
+def _check_selectors(scenario: Scenario) -> Iterator[Problem]:
     for index, rule in enumerate(scenario.network.links):
         place = f"network.links[{index}]"
         yield from _unknown_robots(scenario, f"{place}.from", named(rule.sources))
         yield from _unknown_robots(scenario, f"{place}.to", named(rule.destinations))
+    for index, action in enumerate(scenario.timeline):
+        yield from _unknown_robots(scenario, f"timeline[{index}]", action.robots())
+
+
+def _check_links(scenario: Scenario) -> Iterator[Problem]:
+    for source, destination in scenario.directed_links:
+        settings = scenario.network.default
+        for index, rule in enumerate(scenario.network.links):
+            if not rule.covers(source, destination):
+                continue
+            try:
+                settings = settings.changed(rule)
+            except SettingError as error:
+                yield _on_link(f"network.links[{index}]", error.problem, source, destination)
+                return
+
+
+def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
+    for index, entry in enumerate(scenario.timeline):
+        if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
+            yield Problem(f"timeline[{index}]", None, "concerns no link of formation.edges")
+    for source, destination in scenario.directed_links:
+        timeline = scenario.timeline_of(source, destination)
+        try:
+            while timeline.next_ns < NEVER:
+                timeline.advance(timeline.next_ns)
+        except SettingError as error:
+            index = next(
+                k
+                for k, entry in enumerate(scenario.timeline)
+                if entry.effect(source, destination, scenario.ids) == error.cause
+            )
+            yield _on_link(f"timeline[{index}]", error.problem, source, destination)
+            return
+
+
+def _on_link(place: str, problem: Problem, source: int, destination: int) -> Problem:
+    rule = f"{problem.rule} (on the link from {source} to {destination})"
+    return Problem(f"{place}.{problem.place}", problem.value, rule)
 
 
 def _check_window(scenario: Scenario) -> Iterator[Problem]:

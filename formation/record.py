@@ -31,7 +31,8 @@ class Sample(NamedTuple):
 class LinkRow(NamedTuple):
     """What became of one message on one directed link.
 
-    ``t_usable_ns`` is when the receiver may first use it, None if it is lost.
+    ``t_usable_ns`` is from when on the receiver could use it, None if it is lost or was
+    still in flight at the receiver's last tick.
     """
 
     t_sent_ns: int

@@ -10,23 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
+from pydantic import ConfigDict, Discriminator, Field, Tag, create_model
 
 from formation.messages import State
+from formation.selectors import RobotId, Robots, pair_covers
+from formation.timeline import PlanEntry, TimelineAction, effects, plan_of
+from netem.link import Link
 from netem.settings import LinkOverrides, LinkSettings
-from netem.tables import nanoseconds
+from netem.tables import STRICT, Positive, Table, nanoseconds
+from netem.timeline import Timeline
 
-STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
-RobotId = Annotated[int, Field(ge=0, le=2**31 - 1)]
-
-
-class Table(BaseModel):
-    """A table of the scenario: strict types, unknown keys refused."""
-
-    model_config = STRICT
 
 
 class Clock(Table):
@@ -107,31 +101,6 @@ class LawSettings(Table):
     parameters: dict[str, Any] = {}
 
 
-def _kind_of_selector(value: object) -> str:
-    return "all" if isinstance(value, str) else "one" if isinstance(value, int) else "list"
-
-
-Robots = Annotated[
-    Annotated[Literal["*"], Tag("all")]
-    | Annotated[RobotId, Tag("one")]
-    | Annotated[list[RobotId], Field(min_length=1), Tag("list")],
-    Discriminator(_kind_of_selector),
-]
-"""Robots by one id, a list of ids, or ``"*"`` for all."""
-
-
-def named(robots: Robots) -> list[int]:
-    """The ids that a selector spells out; none for ``"*"``."""
-    if isinstance(robots, str):
-        return []
-    return [robots] if isinstance(robots, int) else robots
-
-
-def selected(robots: Robots, robot: int) -> bool:
-    """Whether ``robot`` is one of ``robots``."""
-    return robots == "*" or robot in named(robots)
-
-
 class LinkRule(LinkOverrides):
     """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``.
 
@@ -145,10 +114,8 @@ class LinkRule(LinkOverrides):
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the rule is about the link from ``source`` to ``destination``."""
-        if selected(self.sources, source) and selected(self.destinations, destination):
-            return True
-        back = selected(self.sources, destination) and selected(self.destinations, source)
-        return self.both_ways and back
+        pair = (self.sources, self.destinations)
+        return pair_covers(pair, source, destination, both_ways=self.both_ways)
 
 
 class Network(Table):
@@ -275,6 +242,7 @@ class Scenario(Table):
     law: LawSettings = LawSettings()
     network: Network = Network()
     robot_defaults: Vehicle = Vehicle()
+    timeline: list[TimelineAction] = []
     robots: Annotated[list[RobotTable], Field(min_length=1)]
     expect: Expect | None = None
 
@@ -306,6 +274,21 @@ class Scenario(Table):
     def directed_links(self) -> list[tuple[int, int]]:
         """Every (source, destination) that carries broadcasts, ascending."""
         return sorted((i, j) for j, others in self.neighbours.items() for i in others)
+
+    def link(self, source: int, destination: int) -> Link:
+        """One directed link as it is at the beginning."""
+        settings = self.network.settings(source, destination)
+        return settings.link(seed=self.seed, source=source, destination=destination)
+
+    def timeline_of(self, source: int, destination: int, link: Link | None = None) -> Timeline:
+        """What happens to one directed link; it keeps ``link`` to it, if there is one."""
+        settings = self.network.settings(source, destination)
+        return Timeline(settings, effects(self.timeline, source, destination, self.ids), link)
+
+    @property
+    def plan(self) -> list[PlanEntry]:
+        """What happens in the run, and when."""
+        return plan_of(self.timeline, self.directed_links, self.ids)
 
     @property
     def offsets_m(self) -> NDArray[np.float64]:

@@ -95,6 +95,9 @@ def _uncovered(scenario: Scenario) -> list[str]:
         gaps.append(
             f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
         )
+    if scenario.timeline:
+        first = min(scenario.timeline, key=lambda action: action.at_s)
+        gaps.append(f"the network changes at {first.at_s:g} s ({first.describe()})")
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
     if not damped and any(value > 0 for values in delays.values() for value in values):
         gaps.append("with delays, Theorems 5 and 6 need some μ > 0")

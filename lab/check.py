@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from formation.loading import ScenarioError
+from formation.scenario import Scenario
 from formation.theory import Assessment, assess
 from lab.run import ALL_HOLD, BAD_INPUT, load_checked, report_problems
 
@@ -20,11 +21,24 @@ def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
     assessment = assess(scenario)
     console = Console(highlight=False)
     console.print(f"{escape(str(path))}: valid", soft_wrap=True)
-    for line in describe(assessment):
+    for line in [*describe(assessment), *describe_plan(scenario)]:
         console.print(escape(line), soft_wrap=True)
     for warning in assessment.warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     return ALL_HOLD
+
+
+def describe_plan(scenario: Scenario) -> list[str]:
+    """What happens in a run and when, in lines for people; nothing if nothing does."""
+    plan = scenario.plan
+    if not plan:
+        return []
+    lines = ["  plan:"]
+    for entry in plan:
+        lines.append(f"    {entry.at_s:9.3f} s  {entry.what}")
+        if entry.at_s > scenario.duration_s:
+            lines[-1] += f"  (never: the run ends at {scenario.duration_s:g} s)"
+    return lines
 
 
 def describe(assessment: Assessment) -> list[str]:

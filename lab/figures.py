@@ -4,16 +4,17 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from formation.scenario import Expect, Scenario
+from lab import link_figures
+from lab.canvas import COLOURS, blank
 from lab.recording import Recording, Trajectories
 from lab.verdict import by_claim, error_series, tolerances_of, window_s
 
-# Okabe and Ito's palette: told apart with any kind of colour vision.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
+MOST_PLANNED = 30
+"""How many entries of the plan the error figure spells out."""
 _LABELS = {
     "formation": "formation, Eq. 3 (m)", "heading": "heading, Eq. 4 (rad)",
     "centroid": "centroid, Eq. 5 (m)",
@@ -24,7 +25,7 @@ def draw(recording: Recording, folder: Path) -> None:
     """Write every figure as PNG and SVG into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario, trajectories = recording.scenario, recording.trajectories
-    figures = {"graph": graph(scenario)}
+    figures = {"graph": graph(scenario)} | link_figures.of(recording)
     if len(trajectories.t_s):
         figures |= {
             "paths": paths(scenario, trajectories),
@@ -38,7 +39,7 @@ def draw(recording: Recording, folder: Path) -> None:
 
 def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
     """The whole paths, and the last tenth of the run beside the desired pattern."""
-    figure = _figure(11.0, 5.2)
+    figure = blank(11.0, 5.2)
     whole, end = figure.subplots(1, 2)
     positions, offsets = trajectories.positions_m, scenario.offsets_m
     for i, robot in enumerate(scenario.ids):
@@ -73,7 +74,7 @@ def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
 
 def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
     """Headings over time, and their gap to the first robot's, where agreement shows."""
-    figure = _figure(9.0, 5.6)
+    figure = blank(9.0, 5.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     reference = trajectories.headings_rad[:, 0]
     for i, robot in enumerate(scenario.ids):
@@ -90,7 +91,7 @@ def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
 
 def errors(scenario: Scenario, trajectories: Trajectories) -> Figure:
     """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged."""
-    figure = _figure(9.0, 4.6)
+    figure = blank(9.0, 4.6)
     axes = figure.subplots()
     tolerances = tolerances_of(scenario.expect or Expect())
     for (claim, series), colour in zip(
@@ -102,6 +103,7 @@ def errors(scenario: Scenario, trajectories: Trajectories) -> Figure:
         axes.axhline(tolerances[claim], color=colour, ls=":", lw=1.0)
     end = trajectories.t_s[-1]
     axes.axvspan(max(0.0, end - window_s(scenario)), end, color="0.9", zorder=0, label="judged")
+    _mark_plan(axes, scenario, end)
     axes.set_xlabel("t (s)")
     axes.set_ylabel("error  (dotted: tolerance)")
     axes.set_xlim(0.0, end or 1.0)
@@ -109,9 +111,37 @@ def errors(scenario: Scenario, trajectories: Trajectories) -> Figure:
     return figure
 
 
+def _mark_plan(axes: Axes, scenario: Scenario, end_s: float) -> None:
+    """Number what happens on the time axis, and say below what it is."""
+    entries = [entry for entry in scenario.plan if entry.at_s <= end_s]
+    if not entries:
+        return
+    marks: dict[float, list[int]] = {}
+    for number, entry in enumerate(entries, start=1):
+        marks.setdefault(entry.at_s, []).append(number)
+    for at_s, numbers in marks.items():
+        axes.axvline(at_s, color="0.45", lw=0.8, ls="--", zorder=0)
+        axes.annotate(",".join(map(str, numbers)), (at_s, 1.0), xycoords=("data", "axes fraction"),
+                      xytext=(0, 3), textcoords="offset points", ha="center",
+                      fontsize=7)  # fmt: skip
+    lines = [f"{k}  {entry.at_s:g} s: {entry.what}" for k, entry in enumerate(entries, start=1)]
+    if len(lines) > MOST_PLANNED:
+        more = len(lines) - MOST_PLANNED
+        lines = [*lines[:MOST_PLANNED], f"and {more} more (formnet check shows all)"]
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + 0.17 * len(lines))
+    figure.supxlabel("\n".join(_shortened(line) for line in lines),
+                     x=0.02, ha="left", fontsize=7.5)  # fmt: skip
+
+
+def _shortened(line: str, longest: int = 130) -> str:
+    return line if len(line) <= longest else line[: longest - 1] + "…"
+
+
 def graph(scenario: Scenario) -> Figure:
     """The communication graph, robots at their places in the pattern; damped robots marked."""
-    figure = _figure(5.2, 5.2)
+    figure = blank(5.2, 5.2)
     axes = figure.subplots()
     offsets = dict(zip(scenario.ids, scenario.offsets_m, strict=True))
     for edge, weight in scenario.formation.weights.items():
@@ -133,12 +163,6 @@ def graph(scenario: Scenario) -> Figure:
     axes.set_title("communication graph, b on the edges")
     axes.set_xlabel("p_x (m)")
     axes.set_ylabel("p_y (m)")
-    return figure
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
     return figure
 
 

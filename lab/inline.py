@@ -68,16 +68,16 @@ def run(
     return _finish(outcome, world, robots, sink)
 
 
-def _flush(world: World, robots: dict[int, Robot], sink: Sink) -> None:
+def _flush(world: World, robots: dict[int, Robot], sink: Sink, *, last: bool = False) -> None:
     sink(Samples(world.take_samples()))
     for robot in robots.values():
-        sink(LinkRows(robot.take_link_rows()))
+        sink(LinkRows(robot.take_last_link_rows() if last else robot.take_link_rows()))
         for rejected in robot.take_rejections():
             sink(Event("rejected", world.t_ns, rejected._asdict()))
 
 
 def _finish(outcome: Outcome, world: World, robots: dict[int, Robot], sink: Sink) -> Outcome:
     sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
-    _flush(world, robots, sink)
+    _flush(world, robots, sink, last=True)
     sink(outcome)
     return outcome

@@ -6,6 +6,7 @@
 
 import hashlib
 import json
+from collections import deque
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from formation.loading import dumps
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formation.scenario import Scenario
+from netem.tables import nanoseconds
 
 STATES_SCHEMA = pa.schema(
     [("t_ns", pa.int64()), ("robot", pa.int32())]
@@ -99,6 +101,7 @@ class Recording:
         self.link_rows: list[LinkRow] = []
         self.events: list[Event] = []
         self.outcome: Outcome | None = None
+        self._ahead = deque(scenario.plan)
         (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
         self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
 
@@ -106,6 +109,7 @@ class Recording:
         """Take one record."""
         if isinstance(record, Samples):
             self.samples.extend(record.rows)
+            self._note_plan(record.rows[-1].t_ns if record.rows else 0)
         elif isinstance(record, LinkRows):
             self.link_rows.extend(record.rows)
         elif isinstance(record, Event):
@@ -133,6 +137,12 @@ class Recording:
         pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / "states.parquet")
         rows = sorted(self.link_rows, key=lambda row: (row.t_sent_ns, *row[2:5]))
         pq.write_table(_table(rows, LINKS_SCHEMA), self.folder / "links.parquet")
+
+    def _note_plan(self, now_ns: int) -> None:
+        """Put what was planned up to now among the events."""
+        while self._ahead and nanoseconds(self._ahead[0].at_s) <= now_ns:
+            entry = self._ahead.popleft()
+            self(Event("network", nanoseconds(entry.at_s), {"what": entry.what}))
 
     def _write_event(self, kind: str, t_ns: int, details: dict[str, Any]) -> None:
         line = {

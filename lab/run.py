@@ -17,13 +17,14 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from agent.law import accepts
-from formation.loading import Problem, ScenarioError, load
+from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
 from formation.theory import assess
 from lab import inline, verdict
 from lab.launch import Launch
 from lab.recording import Recording, RunExists
+from netem.problems import Problem
 
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -140,7 +141,7 @@ def _links_table(links: list[dict[str, Any]]) -> Table:
             str(link["delivered"]),
             f"{lost / link['sent']:.1%}" if link["sent"] else "-",
             *(f"{delay[key] * 1e3:.4g}" if delay else "-" for key in ("p50", "p99", "max")),
-            f"{link['jitter_s'] * 1e3:.3g}",
+            f"{round(link['jitter_s'] * 1e3, 6):.3g}",
             f"{link['longest_silence_s']:.3g}",
         )
     return table

@@ -13,7 +13,6 @@ from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
 from lab.build import compiled
 from lab.recording import Recording, Trajectories, trajectory_sha256
-from netem import DUPLICATED
 from netem.statistics import Fate, summarise
 from netem.tables import nanoseconds
 
@@ -152,7 +151,7 @@ def _messages(recording: Recording) -> dict[str, Any]:
             details = event.details
             rejected[details["robot"], details["source"], details["reason"]] = details["times"]
     return {
-        "sent": sum(row.fate != DUPLICATED for row in recording.link_rows),
+        "sent": len({(r.source, r.destination, r.sequence) for r in recording.link_rows}),
         "fates": dict(sorted(fates.items())),
         "rejected": [
             {"robot": robot, "source": source, "reason": reason, "times": times}
@@ -165,7 +164,7 @@ def _links(recording: Recording, end_ns: int) -> list[dict[str, Any]]:
     """The statistics of every directed link that carried something, ascending."""
     fates: dict[tuple[int, int], list[Fate]] = {}
     for row in recording.link_rows:
-        fate = Fate(row.t_sent_ns, row.t_usable_ns, row.fate)
+        fate = Fate(row.sequence, row.t_sent_ns, row.t_usable_ns, row.fate)
         fates.setdefault((row.source, row.destination), []).append(fate)
     return [
         {"source": source, "destination": destination, **summarise(rows, end_ns)._asdict()}

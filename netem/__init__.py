@@ -8,6 +8,7 @@ with integer nanoseconds, so the same link serves virtual time and wall time.
 This package imports nothing of the rest of the project.
 """
 
+from netem.actions import Change, Cut, Heal
 from netem.corrupt import Corrupt
 from netem.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
 from netem.duplicate import Duplicate
@@ -15,6 +16,7 @@ from netem.link import (
     CORRUPTED,
     DELIVERED,
     DUPLICATED,
+    IN_FLIGHT,
     LOST_BURST,
     LOST_CUT,
     LOST_LATE,
@@ -30,28 +32,34 @@ from netem.markov import FourState, GilbertElliott
 from netem.order import KeepOrder
 from netem.playout import Playout
 from netem.queue import QueueEntry, QueueExit, QueueLimit
+from netem.ramp import Ramp
 from netem.rate import Rate
 from netem.reorder import Reorder
 from netem.settings import LinkOverrides, LinkSettings
 from netem.slots import Slots
 from netem.streams import stream
+from netem.timeline import Timeline
 
 __all__ = [
     "CORRUPTED",
     "DELIVERED",
     "DUPLICATED",
+    "IN_FLIGHT",
     "LOST_BURST",
     "LOST_CUT",
     "LOST_LATE",
     "LOST_QUEUE",
     "LOST_RANDOM",
     "LOST_TRACE",
+    "Change",
     "ConstantDelay",
     "Corrupt",
+    "Cut",
     "Duplicate",
     "EveryNthLoss",
     "FourState",
     "GilbertElliott",
+    "Heal",
     "Impairment",
     "KeepOrder",
     "Link",
@@ -62,11 +70,13 @@ __all__ = [
     "QueueEntry",
     "QueueExit",
     "QueueLimit",
+    "Ramp",
     "RandomDelay",
     "RandomLoss",
     "Rate",
     "Reorder",
     "Slots",
+    "Timeline",
     "TraceDelay",
     "TraceLoss",
     "Transit",

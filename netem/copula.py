@@ -63,3 +63,7 @@ class GaussianCopula:
         z = score if self._z is None else self._rho * self._z + self._innovation * score
         self._z = z
         return clipped(0.5 * math.erfc(-z / math.sqrt(2.0)))
+
+    def go_on_from(self, before: "GaussianCopula") -> None:
+        """Correlate the next number with the last one of ``before``."""
+        self._z = before._z

@@ -3,7 +3,7 @@
 from random import Random
 
 from netem.checks import probability as checked
-from netem.link import CORRUPTED, Transit
+from netem.link import CORRUPTED, Impairment, Transit
 
 
 class Corrupt:
@@ -20,6 +20,9 @@ class Corrupt:
 
     def twin(self) -> "Corrupt":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        """Nothing: no message depends on another."""
 
     def apply(self, copy: Transit, random: Random) -> None:
         hit, where = random.random() < self._probability, random.random()

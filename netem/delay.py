@@ -8,7 +8,7 @@ from random import Random
 from netem.checks import correlation as checked_correlation
 from netem.copula import GaussianCopula, clipped, latent_correlation
 from netem.distributions import Distribution, Pareto
-from netem.link import Transit
+from netem.link import Impairment, Transit
 
 
 class ConstantDelay:
@@ -23,6 +23,9 @@ class ConstantDelay:
 
     def twin(self) -> "ConstantDelay":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        """Nothing: no message depends on another."""
 
     def apply(self, copy: Transit, random: Random) -> None:
         if not copy.hurried:
@@ -50,6 +53,10 @@ class UniformDelay:
 
     def twin(self) -> "UniformDelay":
         return UniformDelay(self._low_ns, self._low_ns + self._count - 1, self._correlation)
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, UniformDelay | RandomDelay):
+            _go_on(self._copula, before._copula)
 
     def apply(self, copy: Transit, random: Random) -> None:
         u = random.random() if self._copula is None else self._copula.uniform(random)
@@ -91,6 +98,10 @@ class RandomDelay:
     def twin(self) -> "RandomDelay":
         return RandomDelay(self._distribution, self._offset_s, self._correlation)
 
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, UniformDelay | RandomDelay):
+            _go_on(self._copula, before._copula)
+
     def apply(self, copy: Transit, random: Random) -> None:
         u = clipped(random.random()) if self._copula is None else self._copula.uniform(random)
         if not copy.hurried:
@@ -120,7 +131,16 @@ class TraceDelay:
     def twin(self) -> "TraceDelay":
         return self
 
+    def inherit(self, before: Impairment) -> None:
+        """Nothing: a trace goes by the clock."""
+
     def apply(self, copy: Transit, random: Random) -> None:
         if not copy.hurried:
             row = bisect_right(self._times_ns, copy.sent_ns % self._period_ns) - 1
             copy.due_ns += self._delays_ns[row]
+
+
+def _go_on(copula: GaussianCopula | None, before: GaussianCopula | None) -> None:
+    """Have the first delay of a changed distribution correlate with the last one before."""
+    if copula is not None and before is not None:
+        copula.go_on_from(before)

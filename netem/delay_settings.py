@@ -32,6 +32,10 @@ class ConstantDelaySettings(Table):
         """The shortest and the longest delay; None if there is no longest."""
         return nanoseconds(self.mean_s), nanoseconds(self.mean_s)
 
+    def quantile_s(self, u: float) -> float:
+        """The delay (seconds) that a share ``u`` of messages do not exceed."""
+        return self.mean_s
+
     def impairment(self) -> Impairment:
         return ConstantDelay(nanoseconds(self.mean_s))
 
@@ -55,6 +59,10 @@ class UniformDelaySettings(Table):
         """The shortest and the longest delay."""
         return nanoseconds(self.low_s), nanoseconds(self.high_s)
 
+    def quantile_s(self, u: float) -> float:
+        """The delay (seconds) that a share ``u`` of messages do not exceed."""
+        return self.low_s + u * (self.high_s - self.low_s)
+
     def impairment(self) -> Impairment:
         return UniformDelay(nanoseconds(self.low_s), nanoseconds(self.high_s), self.correlation)
 
@@ -73,6 +81,10 @@ class _RandomDelaySettings(Table):
     def law(self) -> distributions.Distribution:
         """The distribution of what comes on top of the offset."""
         raise TypeError(type(self))
+
+    def quantile_s(self, u: float) -> float:
+        """The delay (seconds) that a share ``u`` of messages do not exceed."""
+        return self.offset_s + self.law().quantile(u)
 
     def impairment(self) -> Impairment:
         return RandomDelay(self.law(), self.offset_s, self.correlation)
@@ -171,6 +183,10 @@ class EmpiricalDelaySettings(FromFile):
         """The shortest and the longest sample."""
         return nanoseconds(min(self.samples_s)), nanoseconds(max(self.samples_s))
 
+    def quantile_s(self, u: float) -> float:
+        """The delay (seconds) that a share ``u`` of messages do not exceed."""
+        return distributions.Empirical(self.samples_s).quantile(u)
+
     def impairment(self) -> Impairment:
         if min(self.samples_s) == max(self.samples_s):
             return ConstantDelay(nanoseconds(self.samples_s[0]))
@@ -214,6 +230,17 @@ class TraceDelaySettings(FromFile):
     def range_ns(self) -> tuple[int, int | None]:
         """The shortest and the longest delay of the trace."""
         return nanoseconds(min(self.delays_s)), nanoseconds(max(self.delays_s))
+
+    def quantile_s(self, u: float) -> float:
+        """The delay (seconds) that a share ``u`` of messages do not exceed."""
+        *times_ns, period_ns = self._bounds_ns()
+        lasts = pairwise([*times_ns, period_ns])
+        share = 0.0
+        for delay_s, (begin, end) in sorted(zip(self.delays_s, lasts, strict=True)):
+            share += (end - begin) / period_ns
+            if u <= share:
+                return delay_s
+        return max(self.delays_s)
 
     def impairment(self) -> Impairment:
         *times_ns, period_ns = self._bounds_ns()

@@ -7,7 +7,7 @@ import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Protocol
+from typing import Any, Protocol
 
 from netem.duplicate import Duplicate
 from netem.streams import stream
@@ -21,6 +21,7 @@ LOST_TRACE = "lost: trace"
 LOST_QUEUE = "lost: queue"
 LOST_LATE = "lost: late"
 LOST_CUT = "lost: cut"
+IN_FLIGHT = "in flight"
 
 
 @dataclass(slots=True)
@@ -28,9 +29,9 @@ class Transit:
     """One copy of a message on its way through a link.
 
     Impairments change ``due_ns``, ``payload``, ``fate`` and ``hurried``; what was
-    sent (``sequence``, ``sent_ns``) stays. ``fate`` is DELIVERED, DUPLICATED (a
-    second copy, delivered), CORRUPTED (delivered damaged) or one of the LOST
-    kinds; ``hurried`` says that the copy overtakes delay and rate.
+    sent (``sequence``, ``sent_ns``, the sender's ``note``) stays. ``fate`` is DELIVERED,
+    DUPLICATED (a second copy, delivered), CORRUPTED (delivered damaged) or one of the
+    LOST kinds; ``hurried`` says that the copy overtakes delay and rate.
     """
 
     sequence: int
@@ -39,6 +40,7 @@ class Transit:
     payload: bytes
     fate: str = DELIVERED
     hurried: bool = False
+    note: Any = None
 
     @property
     def lost(self) -> bool:
@@ -72,6 +74,28 @@ class Impairment(Protocol):
         """
         ...
 
+    def inherit(self, before: "Impairment") -> None:
+        """Go on from the state of ``before``, of the same name, in whose place this one comes.
+
+        A burst, a backlog or a count survives a change of settings; nothing is
+        taken over from another kind of impairment.
+        """
+        ...
+
+
+class _Lane:
+    """A link's impairments with the streams from which one kind of message draws."""
+
+    def __init__(
+        self,
+        originals: list[tuple[Impairment, Random]],
+        twins: list[tuple[Impairment, Random]],
+        duplicate: Random,
+    ) -> None:
+        self.originals = originals
+        self.twins = twins
+        self.duplicate = duplicate
+
 
 class Link:
     """A one-way link: ``send`` messages in, ``deliver`` them when they are due.
@@ -99,10 +123,11 @@ class Link:
         self.source = source
         self.destination = destination
         self._seed = seed
-        self._streams: dict[str, Random] = {}
-        self._originals: list[tuple[Impairment, Random]] = []
-        self._twins: list[tuple[Impairment, Random]] = []
-        self._duplicates: tuple[Duplicate, Random] | None = None
+        self._streams: dict[tuple[str, str], Random] = {}
+        self._originals: list[Impairment] = []
+        self._twins: list[Impairment] = []
+        self._duplicate: Duplicate | None = None
+        self._lanes: dict[str, _Lane] = {}
         self._cut = False
         self._pending: list[tuple[int, int, Transit]] = []  # due, order of sending, copy
         self._order = 0
@@ -111,8 +136,9 @@ class Link:
     def change(self, impairments: Sequence[Impairment], duplicate: Duplicate | None = None) -> None:
         """Put ``impairments`` in the place of the link's own, for messages sent from now on.
 
-        An object that the link holds already keeps its state; every random
-        stream goes on where it is.
+        An object that the link holds already stays as it is, one in whose place
+        another of its name comes hands its state on, and every random stream
+        goes on where it is.
 
         Raises:
             ValueError: as for the constructor; the link stays as it was.
@@ -120,40 +146,62 @@ class Link:
         names = [impairment.name for impairment in impairments]
         if len(set(names)) != len(names):
             raise ValueError(f"impairments of one link need distinct names, got {names}")
-        twins = {
-            id(original): twin
-            for (original, _), (twin, _) in zip(self._originals, self._twins, strict=False)
-        }
-        self._originals = [(stage, self._stream(stage.name)) for stage in impairments]
-        self._twins, self._duplicates = [], None
-        if duplicate is None:
-            return  # twins are not free: a correlated delay calibrates its copula
-        self._twins = [
-            (twins.get(id(stage)) or stage.twin(), self._stream(f"{stage.name} of duplicates"))
-            for stage in impairments
-        ]
-        self._duplicates = (duplicate, self._stream("duplicate"))
+        twins = dict(zip(map(id, self._originals), self._twins, strict=False))
+        before = {stage.name: stage for stage in self._originals}
+        before_twins = {stage.name: stage for stage in self._twins}
+        self._originals = list(impairments)
+        for stage in self._originals:
+            _inherit(stage, before.get(stage.name))
+        self._twins = []
+        if duplicate is not None:  # twins are not free: a correlated delay calibrates its copula
+            self._twins = [twins.get(id(stage)) or stage.twin() for stage in self._originals]
+            for original, twin in zip(self._originals, self._twins, strict=True):
+                if twin is not original:
+                    _inherit(twin, before_twins.get(twin.name))
+        self._duplicate = duplicate
+        self._lanes = {}
 
-    def _stream(self, name: str) -> Random:
-        if name not in self._streams:
-            self._streams[name] = stream(self._seed, self.source, self.destination, name)
-        return self._streams[name]
+    @property
+    def impairments(self) -> list[Impairment]:
+        """What a message meets, in order."""
+        return list(self._originals)
 
-    def send(self, now_ns: int, sequence: int, payload: bytes) -> list[Transit]:
+    def _lane(self, kind: str) -> _Lane:
+        lane = self._lanes.get(kind)
+        if lane is None:
+            lane = self._lanes[kind] = _Lane(
+                [(stage, self._stream(stage.name, kind)) for stage in self._originals],
+                [(stage, self._stream(f"{stage.name} of duplicates", kind))
+                 for stage in self._twins],
+                self._stream("duplicate", kind),
+            )  # fmt: skip
+        return lane
+
+    def _stream(self, name: str, kind: str) -> Random:
+        if (name, kind) not in self._streams:
+            self._streams[name, kind] = stream(
+                self._seed, self.source, self.destination, name, kind
+            )
+        return self._streams[name, kind]
+
+    def send(
+        self, now_ns: int, sequence: int, payload: bytes, *, kind: str = "", note: Any = None
+    ) -> list[Transit]:
         """Put a message on the link at ``now_ns``; return every copy's fate.
 
-        Messages must be sent in sequence order: the draws are.
+        Messages must be sent in sequence order: the draws are. Each ``kind`` of
+        message draws from streams of its own, so that a new kind changes no draw
+        of the others, though all share the line. ``note`` travels along unread.
         """
-        copies = [Transit(sequence, now_ns, now_ns, payload)]
-        if self._duplicates is not None:
-            duplicate, random = self._duplicates
-            if duplicate.doubles(random):
-                copies.append(Transit(sequence, now_ns, now_ns, payload, DUPLICATED))
-        stages = self._originals
+        lane = self._lane(kind)
+        copies = [Transit(sequence, now_ns, now_ns, payload, note=note)]
+        if self._duplicate is not None and self._duplicate.doubles(lane.duplicate):
+            copies.append(Transit(sequence, now_ns, now_ns, payload, DUPLICATED, note=note))
+        stages = lane.originals
         for transit in copies:
             for impairment, random in stages:
                 impairment.apply(transit, random)
-            stages = self._twins
+            stages = lane.twins
             if not transit.lost:
                 if self._cut:
                     transit.fate = LOST_CUT
@@ -162,24 +210,30 @@ class Link:
                 heapq.heappush(self._pending, (transit.due_ns, self._order, transit))
         return copies
 
-    def cut(self, *, lose_in_flight: bool) -> list[Transit]:
-        """Lose whatever is sent from now on; returns what was in flight and is lost with it.
+    def cut(self, now_ns: int, *, lose_in_flight: bool) -> list[Transit]:
+        """Lose whatever is sent from now on, and what is due after ``now_ns`` if asked to.
 
+        Returns what was in flight and is lost, in the order it would have come.
         Impairments go on drawing, so that a cut changes nothing after it.
-        Deliver what is due before.
         """
         self._cut = True
         if not lose_in_flight:
             return []
-        lost = [transit for _, _, transit in sorted(self._pending)]
+        lost = [transit for due_ns, _, transit in sorted(self._pending) if due_ns > now_ns]
         for transit in lost:
             transit.fate = LOST_CUT
-        self._pending = []
+        self._pending = [entry for entry in self._pending if not entry[2].lost]
+        heapq.heapify(self._pending)
         return lost
 
     def heal(self) -> None:
-        """End a cut."""
+        """End a cut; what it lost stays lost."""
         self._cut = False
+
+    @property
+    def in_flight(self) -> list[Transit]:
+        """What is on the link, earliest due first."""
+        return [transit for _, _, transit in sorted(self._pending)]
 
     @property
     def next_due_ns(self) -> int | None:
@@ -195,3 +249,8 @@ class Link:
         while self._pending and self._pending[0][0] <= now_ns:
             due.append(heapq.heappop(self._pending)[2])
         return due
+
+
+def _inherit(stage: Impairment, before: Impairment | None) -> None:
+    if before is not None and before is not stage:
+        stage.inherit(before)

@@ -5,7 +5,7 @@ from random import Random
 
 from netem.checks import correlation as checked_correlation
 from netem.checks import probability as checked
-from netem.link import LOST_BURST, LOST_RANDOM, LOST_TRACE, Transit
+from netem.link import LOST_BURST, LOST_RANDOM, LOST_TRACE, Impairment, Transit
 
 
 class RandomLoss:
@@ -24,18 +24,23 @@ class RandomLoss:
         self._correlation = checked_correlation(correlation)
         self._after_loss = probability + correlation * (1.0 - probability)
         self._after_none = probability * (1.0 - correlation)
-        self._next = probability
-        self._burst = False  # whether a loss now would continue one
+        self._after: bool | None = None  # whether the message before was lost; None: the first
 
     def twin(self) -> "RandomLoss":
         return RandomLoss(self._probability, self._correlation)
 
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, RandomLoss):
+            self._after = before._after
+
     def apply(self, copy: Transit, random: Random) -> None:
-        lost, burst = random.random() < self._next, self._burst
-        self._next = self._after_loss if lost else self._after_none
-        self._burst = lost and self._correlation > 0.0
+        after = self._after
+        likely = (
+            self._probability if after is None else self._after_loss if after else self._after_none
+        )
+        self._after = lost = random.random() < likely
         if lost and not copy.lost:
-            copy.fate = LOST_BURST if burst else LOST_RANDOM
+            copy.fate = LOST_BURST if after and self._correlation > 0.0 else LOST_RANDOM
 
 
 class EveryNthLoss:
@@ -51,6 +56,10 @@ class EveryNthLoss:
 
     def twin(self) -> "EveryNthLoss":
         return EveryNthLoss(self._n)
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, EveryNthLoss):
+            self._count = before._count
 
     def apply(self, copy: Transit, random: Random) -> None:
         self._count += 1
@@ -72,6 +81,10 @@ class TraceLoss:
     def twin(self) -> "TraceLoss":
         return TraceLoss(self._losses)
 
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, TraceLoss):
+            self._count = before._count
+
     def apply(self, copy: Transit, random: Random) -> None:
         lost = self._losses[self._count % len(self._losses)]
         self._count += 1
@@ -89,6 +102,9 @@ class PredicateLoss:
 
     def twin(self) -> "PredicateLoss":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        """Nothing: no message depends on another."""
 
     def apply(self, copy: Transit, random: Random) -> None:
         if self._lost(copy) and not copy.lost:

@@ -3,7 +3,7 @@
 from random import Random
 
 from netem.checks import probability as checked
-from netem.link import LOST_BURST, LOST_RANDOM, Transit
+from netem.link import LOST_BURST, LOST_RANDOM, Impairment, Transit
 
 
 class GilbertElliott:
@@ -32,6 +32,10 @@ class GilbertElliott:
 
     def twin(self) -> "GilbertElliott":
         return GilbertElliott(self._p, self._r, self._loss_in_bad, self._loss_in_good)
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, GilbertElliott):
+            self._bad = before._bad
 
     def apply(self, copy: Transit, random: Random) -> None:
         was_bad = self._bad
@@ -77,6 +81,10 @@ class FourState:
 
     def twin(self) -> "FourState":
         return FourState(self._p13, self._p31, self._p32, self._p23, self._p14)
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, FourState):
+            self._state = before._state
 
     def apply(self, copy: Transit, random: Random) -> None:
         self._state = self._next(random.random())

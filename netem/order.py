@@ -2,7 +2,7 @@
 
 from random import Random
 
-from netem.link import Transit
+from netem.link import Impairment, Transit
 
 
 class KeepOrder:
@@ -18,6 +18,10 @@ class KeepOrder:
 
     def twin(self) -> "KeepOrder":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, KeepOrder):
+            self._latest_ns = before._latest_ns
 
     def apply(self, copy: Transit, random: Random) -> None:
         if not copy.lost:

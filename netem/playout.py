@@ -2,7 +2,7 @@
 
 from random import Random
 
-from netem.link import LOST_LATE, Transit
+from netem.link import LOST_LATE, Impairment, Transit
 
 
 class Playout:
@@ -21,6 +21,9 @@ class Playout:
 
     def twin(self) -> "Playout":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        """Nothing: no message depends on another."""
 
     def apply(self, copy: Transit, random: Random) -> None:
         if copy.lost:

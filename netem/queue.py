@@ -3,7 +3,7 @@
 import heapq
 from random import Random
 
-from netem.link import LOST_QUEUE, Transit
+from netem.link import LOST_QUEUE, Impairment, Transit
 
 
 class QueueLimit:
@@ -35,6 +35,11 @@ class QueueLimit:
         heapq.heappush(self._departures, (leaves_ns, size))
         self._backlog_bytes += size
 
+    def take_over(self, before: "QueueLimit") -> None:
+        """Count what is under way in ``before`` as being here."""
+        self._departures = before._departures
+        self._backlog_bytes = before._backlog_bytes
+
 
 class QueueEntry:
     """Loses what finds no room in ``limit``."""
@@ -46,6 +51,10 @@ class QueueEntry:
 
     def twin(self) -> "QueueEntry":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, QueueEntry):
+            self._limit.take_over(before._limit)
 
     def apply(self, copy: Transit, random: Random) -> None:
         if not copy.lost and not self._limit.admits(copy.sent_ns, len(copy.payload)):
@@ -62,6 +71,9 @@ class QueueExit:
 
     def twin(self) -> "QueueExit":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        """Nothing: the entry takes over what both share."""
 
     def apply(self, copy: Transit, random: Random) -> None:
         if not copy.lost:

@@ -2,7 +2,7 @@
 
 from random import Random
 
-from netem.link import Transit
+from netem.link import Impairment, Transit
 
 
 class Rate:
@@ -47,6 +47,10 @@ class Rate:
 
     def twin(self) -> "Rate":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, Rate):
+            self._free_ns = before._free_ns
 
     def apply(self, copy: Transit, random: Random) -> None:
         if copy.lost or copy.hurried:

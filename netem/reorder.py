@@ -3,7 +3,7 @@
 from random import Random
 
 from netem.checks import probability as checked
-from netem.link import Transit
+from netem.link import Impairment, Transit
 
 
 class Reorder:
@@ -26,6 +26,10 @@ class Reorder:
 
     def twin(self) -> "Reorder":
         return Reorder(self._probability, self._gap)
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, Reorder):
+            self._delayed = before._delayed
 
     def apply(self, copy: Transit, random: Random) -> None:
         hit = random.random() < self._probability

@@ -1,9 +1,16 @@
 """A link's settings as they stand in a file, and the link they describe."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from netem.corrupt import Corrupt
 from netem.delay_settings import ConstantDelaySettings, DelaySettings
@@ -13,11 +20,21 @@ from netem.loss_settings import LossSettings, RandomLossSettings
 from netem.order import KeepOrder
 from netem.playout import Playout
 from netem.presets import PRESETS
+from netem.problems import Problem, problems
 from netem.queue import QueueEntry, QueueExit, QueueLimit
 from netem.rate import Rate
 from netem.reorder import Reorder
 from netem.slots import Slots
-from netem.tables import Count, Probability, Seconds, Table, nanoseconds
+from netem.tables import (
+    Count,
+    Part,
+    Probability,
+    Seconds,
+    Table,
+    members,
+    nanoseconds,
+    part_of,
+)
 
 
 class DuplicateSettings(Table):
@@ -70,6 +87,19 @@ class SlotsSettings(Table):
         return self
 
 
+_KINDS = {"delay": "distribution", "loss": "model"}
+"""The tables that come in kinds, and the key that says which."""
+
+
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """``base`` with what ``over`` names replaced: key by key in a table that names no kind."""
+    merged = dict(base)
+    for name, value in over.items():
+        whole = not isinstance(value, Mapping) or _KINDS.get(name) in value
+        merged[name] = value if whole else {**merged.get(name, {}), **value}
+    return merged
+
+
 class _Preset(Table):
     """A table that may begin with ``preset = "wifi"``; what it names beside that wins."""
 
@@ -82,27 +112,84 @@ class _Preset(Table):
         if name not in PRESETS:
             raise ValueError(f"preset {name!r} is none of {', '.join(PRESETS)}")
         rest = {key: value for key, value in data.items() if key != "preset"}
-        return PRESETS["ideal"] | PRESETS[name] | rest
+        return _merged(_merged(PRESETS["ideal"], PRESETS[name]), rest)
 
-    @field_validator("loss", mode="before", check_fields=False)
-    @classmethod
-    def _random_by_default(cls, loss: Any) -> Any:
-        return {"model": "random"} | loss if isinstance(loss, dict) else loss
+
+if TYPE_CHECKING:
+    DelayPart: TypeAlias = Part
+    LossPart: TypeAlias = Part
+    DuplicatePart: TypeAlias = Part
+    CorruptPart: TypeAlias = Part
+    ReorderPart: TypeAlias = Part
+    RatePart: TypeAlias = Part
+    QueuePart: TypeAlias = Part
+    SlotsPart: TypeAlias = Part
+else:
+    DelayPart = part_of(*members(DelaySettings), leave_out="distribution")
+    LossPart = part_of(*members(LossSettings), leave_out="model")
+    DuplicatePart = part_of(DuplicateSettings)
+    CorruptPart = part_of(CorruptSettings)
+    ReorderPart = part_of(ReorderSettings)
+    RatePart = part_of(RateSettings)
+    QueuePart = part_of(QueueSettings)
+    SlotsPart = part_of(SlotsSettings)
+
+
+def _whole_or_part(kind: str) -> Discriminator:
+    def which(value: object) -> str:
+        if isinstance(value, Mapping):
+            return "whole" if kind in value else "part"
+        return "part" if isinstance(value, Part) else "whole"
+
+    return Discriminator(which)
 
 
 class LinkOverrides(_Preset):
-    """What a rule names of a link's settings; what it does not name stays."""
+    """What a rule names of a link's settings; what it does not name stays.
 
-    delay: DelaySettings | None = None
-    loss: LossSettings | None = None
-    duplicate: DuplicateSettings | None = None
-    corrupt: CorruptSettings | None = None
-    reorder: ReorderSettings | None = None
-    rate: RateSettings | None = None
-    queue: QueueSettings | None = None
-    slots: SlotsSettings | None = None
+    A ``delay`` or ``loss`` of a named kind replaces the table; every other table
+    changes key by key.
+    """
+
+    delay: (
+        Annotated[
+            Annotated[DelaySettings, Tag("whole")] | Annotated[DelayPart, Tag("part")],
+            _whole_or_part("distribution"),
+        ]
+        | None
+    ) = None
+    loss: (
+        Annotated[
+            Annotated[LossSettings, Tag("whole")] | Annotated[LossPart, Tag("part")],
+            _whole_or_part("model"),
+        ]
+        | None
+    ) = None
+    duplicate: DuplicatePart | None = None
+    corrupt: CorruptPart | None = None
+    reorder: ReorderPart | None = None
+    rate: RatePart | None = None
+    queue: QueuePart | None = None
+    slots: SlotsPart | None = None
     keep_order: bool | None = None
     playout_s: Seconds | None = None
+
+    def named(self) -> dict[str, Any]:
+        """The tables and values that are named, by key."""
+        values = {key: getattr(self, key) for key in LinkSettings.model_fields}
+        return {key: value for key, value in values.items() if value is not None}
+
+
+class SettingError(ValueError):
+    """A change that a link's settings do not admit; ``problem`` says where and why.
+
+    ``cause`` is the action of a timeline that asked for it, if one did.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.cause: object = None
+        super().__init__(str(problem))
 
 
 class LinkSettings(_Preset):
@@ -122,14 +209,38 @@ class LinkSettings(_Preset):
     keep_order: bool = False
     playout_s: Seconds = 0.0
 
+    @field_validator("loss", mode="before")
+    @classmethod
+    def _random_by_default(cls, loss: Any) -> Any:
+        return {"model": "random"} | loss if isinstance(loss, dict) else loss
+
     def changed(self, overrides: LinkOverrides) -> "LinkSettings":
-        """These settings with exactly what ``overrides`` names replaced."""
-        named = {
-            name: value
-            for name in LinkSettings.model_fields
-            if (value := getattr(overrides, name)) is not None
-        }
+        """These settings with exactly what ``overrides`` names replaced.
+
+        Raises:
+            SettingError: a key that these settings do not have (the mean of a
+                uniform delay), or a value that does not go with the others.
+        """
+        named = overrides.named()
+        for key, value in named.items():
+            if isinstance(value, Part):
+                part = value.model_dump(exclude_none=True)
+                named[key] = _applied(key, part, getattr(self, key))
         return self.model_copy(update=named)
+
+    def with_number(self, parameter: str, number: float) -> "LinkSettings":
+        """These settings with one number replaced, such as that of ``delay.mean_s``.
+
+        Raises:
+            SettingError: as for :meth:`changed`.
+        """
+        key, _, inner = parameter.partition(".")
+        if inner:
+            return self.model_copy(update={key: _applied(key, {inner: number}, getattr(self, key))})
+        try:
+            return self.changed(LinkOverrides.model_validate({key: number}))
+        except ValidationError as error:
+            raise SettingError(problems(LinkOverrides, {key: number}, error)[0]) from None
 
     @property
     def constant_ns(self) -> int | None:
@@ -151,30 +262,34 @@ class LinkSettings(_Preset):
         queued = self.queue.messages or self.queue.bytes
         return self.loss.never and in_time and not queued and not self.corrupt.probability
 
-    def impairments(self) -> list[Impairment]:
+    def impairments(
+        self, before: "LinkSettings | None" = None, held: Iterable[Impairment] = ()
+    ) -> list[Impairment]:
         """What is on, in the order of tc-netem's pipeline.
 
         Loss, corrupt, queue; then reorder, delay, rate, slots, order; then
         playout, at the receiver. (Duplicates are made before all of them.)
+        Of ``held``, which ``before`` described, those whose table is the same here are kept.
         """
         limit = QueueLimit(self.queue.messages, self.queue.bytes)
         limited = self.queue.messages > 0 or self.queue.bytes > 0
-        stages: list[tuple[bool, Any]] = [
-            (not self.loss.never, self.loss.impairment),
-            (self.corrupt.probability > 0, lambda: Corrupt(self.corrupt.probability)),
-            (limited, lambda: QueueEntry(limit)),
-            (
-                self.reorder.probability > 0,
-                lambda: Reorder(self.reorder.probability, self.reorder.gap),
-            ),
-            (self.delay.range_ns != (0, 0), self.delay.impairment),
-            (self.rate.bits_per_s > 0, lambda: Rate(**dict(self.rate))),
-            (self.slots.max_s > 0, self._slots),
-            (self.keep_order, KeepOrder),
-            (limited, lambda: QueueExit(limit)),
-            (self.playout_s > 0, lambda: Playout(nanoseconds(self.playout_s))),
+        stages: list[tuple[str, bool, Callable[[], Impairment]]] = [
+            ("loss", not self.loss.never, self.loss.impairment),
+            ("corrupt", self.corrupt.probability > 0, lambda: Corrupt(self.corrupt.probability)),
+            ("queue", limited, lambda: QueueEntry(limit)),
+            ("reorder", self.reorder.probability > 0, lambda: Reorder(**dict(self.reorder))),
+            ("delay", self.delay.range_ns != (0, 0), self.delay.impairment),
+            ("rate", self.rate.bits_per_s > 0, lambda: Rate(**dict(self.rate))),
+            ("slots", self.slots.max_s > 0, self._slots),
+            ("order", self.keep_order, KeepOrder),
+            ("queue exit", limited, lambda: QueueExit(limit)),
+            ("playout", self.playout_s > 0, lambda: Playout(nanoseconds(self.playout_s))),
         ]
-        return [make() for is_on, make in stages if is_on]
+        same = {impairment.name: impairment for impairment in held}
+        for name, key in _TABLE_OF.items():
+            if before is None or getattr(before, key) != getattr(self, key):
+                same.pop(name, None)
+        return [same.get(name) or make() for name, is_on, make in stages if is_on]
 
     def _slots(self) -> Slots:
         slots = self.slots
@@ -184,11 +299,34 @@ class LinkSettings(_Preset):
 
     def link(self, *, seed: int, source: object, destination: object) -> Link:
         """The link that these settings describe."""
-        share = self.duplicate.probability
         return Link(
             self.impairments(),
             seed=seed,
             source=source,
             destination=destination,
-            duplicate=Duplicate(share) if share else None,
+            duplicate=self.duplicates(),
         )
+
+    def duplicates(self) -> Duplicate | None:
+        """What makes duplicates, if anything does."""
+        share = self.duplicate.probability
+        return Duplicate(share) if share else None
+
+
+_TABLE_OF = {
+    "loss": "loss", "corrupt": "corrupt", "queue": "queue", "reorder": "reorder",
+    "delay": "delay", "rate": "rate", "slots": "slots", "order": "keep_order",
+    "queue exit": "queue", "playout": "playout_s",
+}  # fmt: skip
+"""The key from which each impairment is made."""
+
+
+def _applied(key: str, named: Mapping[str, Any], table: Table) -> Table:
+    """``table``, which stands at ``key``, with what is named replaced."""
+    data = table.model_dump(exclude_none=True) | dict(named)
+    try:
+        return type(table).model_validate(data)
+    except ValidationError as error:
+        first = problems(type(table), data, error)[0]
+        place = f"{key}.{first.place}" if first.place else key
+        raise SettingError(first._replace(place=place)) from None

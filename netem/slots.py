@@ -2,7 +2,7 @@
 
 from random import Random
 
-from netem.link import Transit
+from netem.link import Impairment, Transit
 
 
 class Slots:
@@ -30,6 +30,11 @@ class Slots:
 
     def twin(self) -> "Slots":
         return self
+
+    def inherit(self, before: Impairment) -> None:
+        if isinstance(before, Slots):
+            self._open_ns = before._open_ns
+            self._held, self._held_bytes = before._held, before._held_bytes
 
     def apply(self, copy: Transit, random: Random) -> None:
         if copy.lost:

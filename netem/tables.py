@@ -2,11 +2,12 @@
 
 import csv
 import math
+import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model, model_validator
 
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -27,6 +28,25 @@ class Table(BaseModel):
     """A table: strict types, unknown keys refused, immutable."""
 
     model_config = STRICT
+
+
+class Part(Table):
+    """Some keys of a table; what is not named is None, and stays as it is where it is applied."""
+
+
+def members(union: Any) -> tuple[type[Table], ...]:
+    """The tables of an annotated union."""
+    return typing.get_args(typing.get_args(union)[0])
+
+
+def part_of(*tables: type[Table], leave_out: str = "") -> type[Part]:
+    """A :class:`Part` that may name any key of ``tables``, but for ``leave_out``."""
+    keys: dict[str, Any] = {}
+    for table in tables:
+        for name, info in table.model_fields.items():
+            if name != leave_out:
+                keys.setdefault(name, (info.rebuild_annotation() | None, None))
+    return create_model(f"PartOf{tables[0].__name__}", __base__=Part, **keys)
 
 
 class FromFile(Table):

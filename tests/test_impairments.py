@@ -70,6 +70,21 @@ def delays_s(copies):
     return np.array([copy.due_ns - copy.sent_ns for copy in copies]) / 1e9
 
 
+class Jitter:
+    """Makes messages arrive unevenly before whatever stands behind it."""
+
+    name = "jitter"
+
+    def twin(self):
+        return self
+
+    def inherit(self, before):
+        pass
+
+    def apply(self, copy, random):
+        copy.due_ns += int(random.random() * 50 * MS)
+
+
 def runs(flags):
     """The lengths of the stretches of true."""
     return np.array([len(list(group)) for value, group in itertools.groupby(flags) if value])
@@ -375,15 +390,17 @@ def test_playout_makes_random_delay_constant_and_the_rest_late():
 def test_cut_loses_what_is_sent_and_in_flight_only_if_asked():
     a_link = link(ConstantDelay(100))
     a_link.send(0, 0, b"")
-    assert a_link.cut(lose_in_flight=False) == []
+    assert a_link.cut(10, lose_in_flight=False) == []
     assert a_link.send(10, 1, b"")[0].fate == LOST_CUT
     a_link.heal()
     a_link.send(20, 2, b"")
     assert [c.sequence for c in a_link.deliver(1000)] == [0, 2]
-    a_link.send(2000, 3, b"")
-    (lost,) = a_link.cut(lose_in_flight=True)
-    assert (lost.sequence, lost.fate) == (3, LOST_CUT)
-    assert a_link.deliver(10**9) == []
+    a_link.send(1900, 3, b"")
+    a_link.send(1901, 4, b"")
+    (lost,) = a_link.cut(2000, lose_in_flight=True)  # what is due at that instant has arrived
+    assert (lost.sequence, lost.fate) == (4, LOST_CUT)
+    assert [c.sequence for c in a_link.in_flight] == [3]
+    assert [c.sequence for c in a_link.deliver(10**9)] == [3]
 
 
 # --- what every link promises ---------------------------------------------------------
@@ -469,6 +486,84 @@ def test_a_changed_impairment_leaves_the_others_where_they_are():
     changed = [a_link.send(k * 10 * MS, k, b"")[0] for k in range(20, 40)]
     assert found + [c.due_ns for c in changed] == plain
     assert all(c.lost for c in changed)
+
+
+@pytest.mark.parametrize(
+    ("make", "payload"),
+    [
+        (lambda: RandomLoss(0.3, 0.8), b""),
+        (lambda: GilbertElliott(0.1, 0.3), b""),
+        (lambda: FourState(0.1, 0.3), b""),
+        (lambda: EveryNthLoss(3), b""),
+        (lambda: TraceLoss([True, False, False]), b""),
+        (lambda: UniformDelay(0, 10**9, 0.9), b""),
+        (lambda: RandomDelay(d.Exponential(0.01), 0.001, 0.9), b""),
+        (lambda: TraceDelay([0, 30 * MS], [5, 7], 50 * MS), b""),
+        (lambda: Rate(1000), b"abc"),
+        (lambda: Reorder(1.0, 5), b""),
+        (lambda: Slots(3 * MS, 30 * MS, 2), b""),
+        (KeepOrder, b""),
+        (lambda: Corrupt(0.5), b"abc"),
+        (lambda: Playout(60 * MS), b""),
+    ],
+)
+def test_a_replacement_goes_on_from_the_state_of_what_it_replaces(make, payload):
+    """So a change or a ramp of one number ends no burst and empties no line."""
+
+    def fates(impairments_at):
+        jitter = Jitter()
+        a_link = link(jitter, *impairments_at(0))
+        found = []
+        for k in range(60):
+            if k:
+                a_link.change([jitter, *impairments_at(k)])
+            found += a_link.send(k * 10 * MS, k, payload)
+        return found
+
+    one = make()
+    assert fates(lambda k: [make()]) == fates(lambda k: [one])
+
+
+def test_a_replaced_queue_keeps_its_backlog():
+    def admitted(limit_at):
+        a_link, found = link(QueueEntry(limit_at(0))), []
+        for k in range(20):
+            limit = limit_at(k)
+            a_link.change([QueueEntry(limit), ConstantDelay(35), QueueExit(limit)])
+            found.append(a_link.send(10 * k, k, b"")[0].lost)
+        return found
+
+    one = QueueLimit(2)
+    assert admitted(lambda k: QueueLimit(2)) == admitted(lambda k: one)
+    assert any(admitted(lambda k: one))
+
+
+@given(any_settings, st.lists(st.booleans(), max_size=40))
+def test_another_kind_of_message_changes_no_draw(table, others):
+    """Loss, duplicates, damage and delays of one kind, with and without others on the link."""
+    shared = (
+        "rate",
+        "queue",
+        "slots",
+        "keep_order",
+    )  # one line for all: room and time are not draws
+    memoryless = {
+        "loss": {"probability": 0.3},
+        "delay": {"distribution": "uniform", "low_s": 0.0, "high_s": 0.1},
+    }
+    table = {key: value for key, value in table.items() if key not in shared} | memoryless
+    table.pop("reorder", None)  # counts all messages
+
+    def met(kinds):
+        a_link, found = made(table), []
+        for k, kind in enumerate(kinds):
+            copies = a_link.send(k * 10 * MS, k, b"\0" * 8, kind=kind)
+            if kind == "pose":
+                found.append([(c.fate, c.payload, c.due_ns - c.sent_ns) for c in copies])
+        return found
+
+    mixed = [kind for other in others for kind in (["camera"] * other + ["pose"])]
+    assert met(mixed) == met(["pose"] * len(others))
 
 
 def test_the_same_seed_gives_the_same_bytes_in_any_process():

@@ -62,6 +62,9 @@ class Scripted:
     def twin(self):
         return self
 
+    def inherit(self, before):
+        pass
+
     def apply(self, copy, random):
         copy.due_ns += next(self._delays)
 

@@ -17,10 +17,12 @@ import pytest
 from conftest import missing
 
 from formation import bus, record
+from formation.loading import load
 from lab import build
 from lab.launch import free_port
 
-SECTION5 = "configs/paper/section5-delay.toml"
+SECTION5 = "paper/section5-delay"
+EVERY_ACTION = "network/every-action"
 RANDOM_NETWORK = (
     'network.default.delay={distribution="uniform", low_s=0.0, high_s=0.03}',
     "network.default.loss.probability=0.2",
@@ -80,10 +82,13 @@ def start(root, tmp_path) -> Iterator[Callable[..., Run]]:
     """Start runs; whatever is left of them afterwards is killed."""
     runs: list[Run] = []
 
-    def starter(name: str, *arguments: str, env: dict[str, str] | None = None) -> Run:
+    def starter(
+        name: str, *arguments: str, env: dict[str, str] | None = None, scenario: str = SECTION5
+    ) -> Run:
         overrides = [part for text in arguments if "=" in text for part in ("--set", text)]
         flags = [text for text in arguments if "=" not in text]
-        runs.append(Run(root, tmp_path / name, SECTION5, *flags, *overrides, env=env))
+        file = str(Path("configs", f"{scenario}.toml"))
+        runs.append(Run(root, tmp_path / name, file, *flags, *overrides, env=env))
         return runs[-1]
 
     yield starter
@@ -124,11 +129,28 @@ def test_distributed_inline_and_loaded_runs_are_bit_identical(start):
     assert tables[0].num_rows == 10 * 61
     assert tables[0].equals(tables[1])
     assert tables[0].equals(tables[2])
-    assert {"delivered", "lost: random"} == set(tables[0]["fate"].to_pylist())
+    assert {"delivered", "lost: random", "in flight"} == set(tables[0]["fate"].to_pylist())
     # A different seed is a different network.
     other = start("other", "--inline", *short, "seed=2")
     other.wait()
     assert other.verdict()["trajectory_sha256"] != hashes[0]
+
+
+def test_a_timeline_is_the_same_in_a_distributed_and_an_inline_run(start, root):
+    """Every action there is, as far as their messages' fates go."""
+    coarse = ("clock.control_period_s=0.01",)
+    runs = [
+        start("distributed", *coarse, scenario=EVERY_ACTION),
+        start("inline", "--inline", *coarse, scenario=EVERY_ACTION),
+    ]
+    assert [run.wait() for run in runs] == [0, 0]
+    assert len({run.verdict()["trajectory_sha256"] for run in runs}) == 1
+    planned = [entry.what for entry in load(root / "configs" / f"{EVERY_ACTION}.toml").plan]
+    for run in runs:
+        assert [e["what"] for e in run.events() if e["event"] == "network"] == planned
+    one, other = (pq.read_table(run.out / "links.parquet") for run in runs)
+    assert one.equals(other)
+    assert {"delivered", "lost: random", "lost: cut", "in flight"} == set(one["fate"].to_pylist())
 
 
 def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
@@ -314,7 +336,7 @@ def by_hand(root: Path, endpoint: str, name: str, out: Path, *overrides: str) ->
             [
                 *command,
                 "plant",
-                SECTION5,
+                f"configs/{SECTION5}.toml",
                 "--listen",
                 endpoint,
                 "--run",
