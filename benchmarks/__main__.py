@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import exchange, inline_speed, lateness, scaling, throughput
+from benchmarks import bridging, exchange, inline_speed, lateness, scaling, throughput
 from benchmarks.helics_fed import CORE
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.table import BenchmarkError, Report, Row
 
-GROUPS = ("a", "b", "c", "d", "e")
+GROUPS = ("a", "b", "c", "d", "e", "f")
 
 
 def main() -> int:
@@ -52,7 +52,9 @@ def _measure(group: str, plan: Plan, folder: Path) -> list[Row]:
         return scaling.measure(plan, folder)
     if group == "d":
         return throughput.measure(plan)
-    return lateness.measure(plan)
+    if group == "e":
+        return lateness.measure(plan)
+    return bridging.measure(plan, folder)
 
 
 def _arguments() -> argparse.Namespace:
@@ -60,7 +62,7 @@ def _arguments() -> argparse.Namespace:
         prog="python -m benchmarks",
         description="Cost of formnet's lockstep against the bare Zenoh exchange and HELICS (a), "
         "inline speed (b), growth with the robots (c), a link's throughput (d) and its lateness "
-        "on the wall clock (e); one table.",
+        "on the wall clock (e), and a bridge between Zenoh programs (f); one table.",
     )
     parser.add_argument(
         "--ticks", type=_at_least(LEAST_TICKS), default=2000,
@@ -74,7 +76,7 @@ def _arguments() -> argparse.Namespace:
         "--helics-core", default=CORE, help="HELICS's core type (default %(default)s)"
     )
     parser.add_argument(
-        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d,e", help="only these"
+        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d,e,f", help="only these"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round here, too")
     return parser.parse_args()

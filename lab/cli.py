@@ -74,6 +74,41 @@ def laws() -> None:
         click.echo(f"{name:20} {entry.value}{source}")
 
 
+@main.command("netem-bridge")
+@click.option(
+    "--from",
+    "first",
+    required=True,
+    metavar="ENDPOINT",
+    help="One network, e.g. tcp/127.0.0.1:7447: connect there; with listen: before it, wait "
+    "there for applications to connect.",
+)
+@click.option("--to", "second", required=True, metavar="ENDPOINT", help="The other network.")
+@click.option(
+    "--key", "keys", default="**", show_default=True, metavar="KEYEXPR", help="What is carried."
+)
+@click.option(
+    "--network",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.toml",
+    help="The links: [network.default] and [[network.links]] with key and direction.",
+)
+@click.option(
+    "--control",
+    metavar="HOST:PORT",
+    help="Show statistics and take changes there (HTTP, JSON), e.g. 127.0.0.1:8765.",
+)
+def netem_bridge(first: str, second: str, keys: str, network: Path, control: str | None) -> None:
+    """Join two Zenoh networks through emulated links, until Ctrl-C.
+
+    Carries publications (put, delete), queries and replies that match --key, both ways.
+    """
+    from lab.bridge import run_bridge
+
+    sys.exit(run_bridge(first, second, keys, network, control))
+
+
 @main.command()
 @click.option("--robot", required=True, type=int, metavar="N", help="Which robot this is.")
 @click.option(

@@ -2,11 +2,8 @@
 
 import json
 import secrets
-import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,13 +20,12 @@ from formation.scenario import Scenario
 from formation.theory import assess
 from lab import inline, verdict
 from lab.launch import Launch
+from lab.links_table import links_table
 from lab.recording import Recording, RunExists
+from lab.signals import stop_signals
 from netem.problems import Problem
 
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
-
-MOST_LINKS = 20
-"""How many links the table at the end of a run shows."""
 
 CLAIM_TITLES = {
     "formation": ("formation (Eq. 3)", "m"),
@@ -57,7 +53,7 @@ def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, in
         return BAD_INPUT
     name = f"{scenario.name}-{stamp}-{secrets.token_hex(3)}"
     mode = "inline" if inline else "distributed"
-    with _stop_signals() as stopped:
+    with stop_signals() as stopped:
         with _Watch(console, recording) as watch:
             outcome = _execute(recording, name, watch, stopped, inline=inline)
         return _conclude(console, recording, outcome, watch.wall_s, mode)
@@ -114,7 +110,8 @@ def _conclude(
         from lab import figures
 
         figures.draw(recording, recording.folder / "figures")
-    Console().print(_links_table(judged["links"]))
+    rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
+    Console().print(links_table(rows, "all are in verdict.json"))
     Console().print(_table(judged))
     _summarise(console, recording, judged)
     if outcome.kind == "interrupted":
@@ -122,29 +119,6 @@ def _conclude(
     if outcome.kind not in ("completed", "diverged"):
         return BROKEN
     return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
-
-
-def _links_table(links: list[dict[str, Any]]) -> Table:
-    """What became of the messages, a row per directed link."""
-    title = "messages by link; delay and jitter in ms, longest silence in s"
-    if len(links) > MOST_LINKS:
-        title += f" (the first {MOST_LINKS} of {len(links)}; all are in verdict.json)"
-    table = Table(title=title, title_justify="left")
-    for head in ("link", "sent", "arrived", "lost", "p50", "p99", "max", "jitter", "silence"):
-        table.add_column(head, justify="right", no_wrap=True)
-    for link in links[:MOST_LINKS]:
-        lost = sum(link["lost"].values())
-        delay = link["delay_s"] or {}
-        table.add_row(
-            f"{link['source']}→{link['destination']}",
-            str(link["sent"]),
-            str(link["delivered"]),
-            f"{lost / link['sent']:.1%}" if link["sent"] else "-",
-            *(f"{delay[key] * 1e3:.4g}" if delay else "-" for key in ("p50", "p99", "max")),
-            f"{round(link['jitter_s'] * 1e3, 6):.3g}",
-            f"{link['longest_silence_s']:.3g}",
-        )
-    return table
 
 
 def _table(judged: dict[str, Any]) -> Table:
@@ -253,16 +227,3 @@ class _Watch:
         self._progress.update(
             self._task, completed=t_s, description=f"t = {t_s:.1f} s  {speed:.2g} ×  {errors}"
         )
-
-
-@contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, instead of raising wherever the program is."""
-    stopped = threading.Event()
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(kind, lambda *_: stopped.set()) for kind in kinds]
-    try:
-        yield stopped
-    finally:
-        for kind, handler in zip(kinds, before, strict=True):
-            signal.signal(kind, handler)

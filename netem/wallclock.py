@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from netem.link import Link, Transit
 
@@ -21,12 +22,16 @@ class WallClock:
     due times; it must not block for long. An exception in it stops the
     delivery and is raised again by :meth:`close`. Use as a context
     manager, or call :meth:`close`.
+
+    Attributes:
+        lock: held whenever a link is sent on or delivers; hold it to change or cut one.
     """
 
     def __init__(self, deliver: Callable[[Link, Transit], None]) -> None:
         self._deliver = deliver
         self._origin_ns = time.monotonic_ns()
-        self._changed = threading.Condition()
+        self.lock = threading.RLock()
+        self._changed = threading.Condition(self.lock)
         self._due: list[tuple[int, int, Link]] = []  # when, order, link with something due then
         self._order = itertools.count()
         self._closing = False
@@ -37,15 +42,22 @@ class WallClock:
     def __enter__(self) -> "WallClock":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: object, *_: object) -> None:
+        self.close(drain=kind is None)
+
+    @property
+    def running(self) -> bool:
+        """Whether it still delivers."""
+        return self._thread.is_alive()
 
     def now_ns(self) -> int:
         """Nanoseconds since this object was made: the time of its links."""
         return time.monotonic_ns() - self._origin_ns
 
-    def send(self, link: Link, sequence: int, payload: bytes) -> list[Transit]:
-        """Put a message on ``link`` now; returns every copy's fate, as :meth:`Link.send` does.
+    def send(
+        self, link: Link, sequence: int, payload: bytes, *, kind: str = "", note: Any = None
+    ) -> list[Transit]:
+        """Put a message on ``link`` now; arguments and result are those of :meth:`Link.send`.
 
         Callable from any thread; messages of one link in sequence order.
 
@@ -55,7 +67,7 @@ class WallClock:
         with self._changed:
             if self._closing:
                 raise RuntimeError("the wall clock is closed")
-            copies = link.send(self.now_ns(), sequence, payload)
+            copies = link.send(self.now_ns(), sequence, payload, kind=kind, note=note)
             for copy in copies:
                 if not copy.lost:
                     first = not self._due or copy.due_ns < self._due[0][0]
@@ -72,23 +84,37 @@ class WallClock:
         """
         with self._changed:
             self._closing = True
-            if not drain:
-                self._due.clear()
             self._changed.notify()
+        if not drain:
+            self.drop()
         self._thread.join()
         if self._error is not None:
             raise self._error
 
+    def drop(self) -> None:
+        """Deliver nothing more of what is in flight."""
+        with self._changed:
+            self._due.clear()
+            self._changed.notify()
+
     def _run(self) -> None:
         _wake_punctually()
         try:
-            while (found := self._wait()) is not None:
-                link, copies = found
-                for copy in copies:
-                    self._deliver(link, copy)
+            while self._deliver_next():
+                pass
         except Exception as error:  # whatever the receiver raises
             with self._changed:
                 self._error, self._closing = error, True
+
+    def _deliver_next(self) -> bool:
+        """Wait for the next delivery and make it (its copies are not held any longer then)."""
+        found = self._wait()
+        if found is None:
+            return False
+        link, copies = found
+        for copy in copies:
+            self._deliver(link, copy)
+        return True
 
     def _wait(self) -> tuple[Link, list[Transit]] | None:
         """The next link with something due, and that; None at the end."""

@@ -1,0 +1,255 @@
+"""Links chosen by key expression, for traffic between two networks. No session, clock or thread.
+
+The file: ``seed``, ``[network.default]`` and ``[[network.links]]`` with ``key``,
+``direction`` and what differs from the default. Every message goes over the
+link of all the entries that match its key, of which later ones win; messages
+that match the same entries share one link, so they contend for its rate.
+"""
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import zenoh
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from netem.actions import Change, Cut, Heal
+from netem.link import Transit
+from netem.problems import Problem, problems
+from netem.settings import LinkOverrides, LinkSettings, SettingError
+from netem.statistics import LinkStatistics, Tally
+from netem.tables import STRICT, Table
+from netem.timeline import Timeline
+
+Direction = Literal["forward", "backward"]
+DIRECTIONS: tuple[Direction, ...] = ("forward", "backward")
+_WINDOW = 100_000  # arrivals by which quantiles go
+_MOST_KEYS = 100_000  # keys whose lane is remembered
+
+
+def checked_keys(text: str) -> str:
+    """``text`` if it is a key expression.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        zenoh.KeyExpr(text)
+    except zenoh.ZError:
+        raise ValueError(f"{text!r} is no key expression, such as robot/** or */pose") from None
+    return text
+
+
+class LaneRule(LinkOverrides):
+    """``[[network.links]]``: what differs for keys that match ``key``, one way or both.
+
+    ``forward`` is from the network of --from to that of --to.
+    """
+
+    key: Annotated[str, AfterValidator(checked_keys)]
+    direction: Literal["forward", "backward", "both"] = "both"
+
+    def covers(self, direction: Direction, key: str) -> bool:
+        """Whether the rule is about messages of ``key`` in ``direction``."""
+        if self.direction not in ("both", direction):
+            return False
+        return zenoh.KeyExpr(self.key).intersects(key)
+
+
+class LaneTables(Table):
+    """``[network]``."""
+
+    default: LinkSettings = LinkSettings()
+    links: list[LaneRule] = []
+
+
+class LaneFile(Table):
+    """A network file; ``[network]`` reads as in a scenario, but for the selectors."""
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    network: LaneTables = LaneTables()
+
+
+class NetworkFileError(ValueError):
+    """A network file that cannot be used; ``problems`` holds everything found."""
+
+    def __init__(self, file: str, found: list[Problem]) -> None:
+        self.problems = found
+        super().__init__("\n".join(f"{file}: {problem}" for problem in found))
+
+
+def load(path: Path) -> LaneFile:
+    """Read and validate a network file.
+
+    Raises:
+        NetworkFileError: with every problem, or the one that stopped the reading.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise _unreadable(path, f"cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise _unreadable(path, f"not TOML: {error}") from None
+    try:
+        file = LaneFile.model_validate(data, context={"folder": path.parent})
+    except ValidationError as error:
+        raise NetworkFileError(str(path), problems(LaneFile, data, error)) from None
+    for index, rule in enumerate(file.network.links):
+        try:
+            file.network.default.changed(rule)
+        except SettingError as error:
+            place = f"network.links[{index}].{error.problem.place}"
+            raise NetworkFileError(str(path), [error.problem._replace(place=place)]) from None
+    return file
+
+
+def _unreadable(path: Path, rule: str) -> NetworkFileError:
+    return NetworkFileError(str(path), [Problem("file", None, rule)])
+
+
+class Lane:
+    """One link in use: its settings over time, and what became of its messages.
+
+    ``name`` is ``default`` or the keys of the entries it was made by.
+    """
+
+    def __init__(self, seed: int, direction: Direction, name: str, settings: LinkSettings) -> None:
+        self.direction = direction
+        self.name = name
+        self.link = settings.link(seed=seed, source=direction, destination=name)
+        self.timeline = Timeline(settings, link=self.link)
+        self.sequence = 0
+        self._tally = Tally(_WINDOW)
+
+    def note_sent(self, copies: list[Transit]) -> None:
+        """Count a message."""
+        self._tally.sent(copies[0].sent_ns, len(copies))
+        self.note_lost([copy for copy in copies if copy.lost])
+
+    def note_lost(self, copies: list[Transit]) -> None:
+        """Count copies that were lost."""
+        for copy in copies:
+            self._tally.lost(copy.fate)
+
+    def note_arrived(self, copy: Transit, now_ns: int) -> None:
+        """Count a copy that has arrived now."""
+        self._tally.arrived(copy.sent_ns, now_ns, copy.fate)
+
+    def statistics(self, now_ns: int) -> LinkStatistics:
+        """What became of the messages up to now."""
+        return self._tally.at(now_ns)
+
+
+class Request(BaseModel):
+    """What a change of links in use begins with: which; by default all of them, both ways."""
+
+    model_config = ConfigDict(**STRICT)
+    link: str = "*"
+    direction: Literal["forward", "backward", "both"] = "both"
+
+    def covers(self, lane: Lane) -> bool:
+        """Whether ``lane`` is meant."""
+        return self.link in ("*", lane.name) and self.direction in ("both", lane.direction)
+
+    def action(self) -> Change | Cut | Heal:
+        """What to do to the lanes."""
+        raise TypeError(type(self))
+
+
+class ChangeRequest(Request, LinkOverrides):
+    """Replace exactly the settings that are named."""
+
+    def action(self) -> Change | Cut | Heal:
+        return Change(self)
+
+
+class CutRequest(Request):
+    """Lose everything from now on, and what is in flight if asked to."""
+
+    in_flight: Literal["kept", "lost"] = "kept"
+
+    def action(self) -> Change | Cut | Heal:
+        return Cut(lose_in_flight=self.in_flight == "lost")
+
+
+class HealRequest(Request):
+    """Carry messages again."""
+
+    def action(self) -> Change | Cut | Heal:
+        return Heal()
+
+
+class Lanes:
+    """All links between two networks; made as keys come up, kept for good."""
+
+    def __init__(self, file: LaneFile) -> None:
+        self._seed = file.seed
+        self._network = file.network
+        self._lanes: dict[tuple[Direction, str], Lane] = {}
+        self._by_key: dict[tuple[Direction, str], Lane] = {}
+        self._requests: list[Request] = []
+        for direction in DIRECTIONS:  # so that they can be seen and changed before any traffic
+            self._made(direction, [])
+            for rule in file.network.links:
+                if rule.direction in ("both", direction):
+                    self._made(direction, [rule])
+
+    def __iter__(self) -> Iterator[Lane]:
+        return iter(self._lanes.values())
+
+    def of(self, direction: Direction, key: str) -> Lane:
+        """The lane of messages of ``key`` in ``direction``."""
+        lane = self._by_key.get((direction, key))
+        if lane is None:
+            rules = [rule for rule in self._network.links if rule.covers(direction, key)]
+            lane = self._made(direction, rules)
+            if len(self._by_key) >= _MOST_KEYS:
+                self._by_key.clear()
+            self._by_key[direction, key] = lane
+        return lane
+
+    def _made(self, direction: Direction, rules: list[LaneRule]) -> Lane:
+        name = ", ".join(dict.fromkeys(rule.key for rule in rules)) or "default"
+        lane = self._lanes.get((direction, name))
+        if lane is None:
+            settings = self._network.default
+            for rule in rules:
+                settings = settings.changed(rule)
+            lane = self._lanes[direction, name] = Lane(self._seed, direction, name, settings)
+            for request in self._requests:
+                if request.covers(lane):
+                    lane.timeline.do(0, request.action())
+        return lane
+
+    def do(self, request: Request, now_ns: int) -> list[Lane]:
+        """Do what is asked to the lanes that are meant, and to those that come up later.
+
+        Raises:
+            SettingError: a lane does not admit it; nothing has changed.
+            LookupError: no lane is meant; the text names those there are.
+        """
+        meant = [lane for lane in self._lanes.values() if request.covers(lane)]
+        if not meant:
+            names = ", ".join(sorted({lane.name for lane in self._lanes.values()}))
+            raise LookupError(f"there is no link {request.link!r} (links: {names})")
+        action = request.action()
+        if isinstance(action, Change):
+            for lane in meant:
+                lane.timeline.settings.changed(action.overrides)
+        for lane in meant:
+            lane.note_lost(lane.timeline.do(now_ns, action))
+        self._requests.append(request)
+        return meant
+
+    def described(self) -> list[dict[str, Any]]:
+        """Every lane's settings as they are."""
+        return [
+            {
+                "link": lane.name,
+                "direction": lane.direction,
+                "cut": lane.timeline.is_cut,
+                **lane.timeline.settings.model_dump(exclude_none=True),
+            }
+            for lane in self
+        ]
