@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from lab.links_table import links_table
+from lab.links_table import links_table, output
 from lab.signals import stop_signals
 from netem.bridge import Bridge, BridgeError, session
 from netem.control import server
@@ -57,7 +57,7 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: str |
             pass
         broken = _drain(console, bridge, stopped)
         rows = bridge.statistics()
-    Console().print(
+    output().print(
         links_table([(f"{_ARROWS[row['direction']]} {row['link']}", row) for row in rows], "")
     )
     if bridge.failures:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -10,24 +12,40 @@ MOST_LINKS = 20
 """How many links the table shows."""
 
 
+def output() -> Console:
+    """Standard output; where it is no terminal, wide enough for tables."""
+    console = Console()
+    return console if console.is_terminal else Console(width=max(console.width, 110))
+
+
 def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: str) -> Table:
     """A row per link: its name, and the fields of :class:`netem.statistics.LinkStatistics`."""
     title = "messages by link; delay and jitter in ms, longest silence in s"
     if len(links) > MOST_LINKS:
         title += f" (the first {MOST_LINKS} of {len(links)}; {where_all_are})"
-    table = Table(title=title, title_justify="left")
-    for head in ("link", "sent", "arrived", "lost", "p50", "p99", "max", "jitter", "silence"):
-        table.add_column(head, justify="right", no_wrap=True)
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    delays = ("min", "mean", "p50", "p95", "p99", "max")
+    for head in ("link", "sent", "arrived", "lost", *delays, "jitter", "silence"):
+        table.add_column(head, justify="right", no_wrap=head != "lost")
     for name, link in links[:MOST_LINKS]:
-        lost = sum(link["lost"].values())
         delay = link["delay_s"] or {}
         table.add_row(
             escape(name),
             str(link["sent"]),
             str(link["delivered"]),
-            f"{lost / link['sent']:.1%}" if link["sent"] else "-",
-            *(f"{delay[key] * 1e3:.4g}" if delay else "-" for key in ("p50", "p99", "max")),
-            f"{round(link['jitter_s'] * 1e3, 6):.3g}",
-            f"{link['longest_silence_s']:.3g}",
+            _lost(link),
+            *(_number(delay[key] * 1e3) if delay else "-" for key in delays),
+            _number(link["jitter_s"] * 1e3),
+            _number(link["longest_silence_s"]),
         )
     return table
+
+
+def _lost(link: Mapping[str, Any]) -> str:
+    """The share lost, by cause."""
+    causes = [f"{cause} {count / link['sent']:.2%}" for cause, count in link["lost"].items()]
+    return ", ".join(causes) or "-"
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 6):.3g}" if value < 1000 else f"{value:.0f}"

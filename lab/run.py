@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
@@ -20,7 +21,7 @@ from formation.scenario import Scenario
 from formation.theory import assess
 from lab import inline, verdict
 from lab.launch import Launch
-from lab.links_table import links_table
+from lab.links_table import links_table, output
 from lab.recording import Recording, RunExists
 from lab.signals import stop_signals
 from netem.problems import Problem
@@ -111,8 +112,8 @@ def _conclude(
 
         figures.draw(recording, recording.folder / "figures")
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
-    Console().print(links_table(rows, "all are in verdict.json"))
-    Console().print(_table(judged))
+    output().print(links_table(rows, "all are in verdict.json"))
+    output().print(_table(judged))
     _summarise(console, recording, judged)
     if outcome.kind == "interrupted":
         return INTERRUPTED
@@ -122,7 +123,8 @@ def _conclude(
 
 
 def _table(judged: dict[str, Any]) -> Table:
-    table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left")
+    table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left",
+                  box=SIMPLE_HEAD)  # fmt: skip
     for column in ("claim", "expected", "observed", "error at end", "tolerance", "verdict"):
         table.add_column(column, justify="left" if column == "claim" else "right", no_wrap=True)
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 import urllib.error
 import urllib.request
 from contextlib import ExitStack, contextmanager
@@ -112,6 +113,12 @@ def test_a_request_that_one_link_does_not_admit_changes_none():
     with pytest.raises(LookupError, match=r"no link 'b' \(links: a, default\)"):
         made.do(CutRequest(link="b"), 0)
     assert made.described() == before
+
+
+def test_the_documented_file_is_the_one_that_comes_along(root):
+    documented = (root / "docs" / "bridge.md").read_text(encoding="utf-8")
+    text = documented.split("```toml\n")[1].split("```")[0]
+    assert LaneFile.model_validate(tomllib.loads(text)) == load(root / "configs/network/wifi.toml")
 
 
 BAD_FILES = {

@@ -707,10 +707,13 @@ def test_numbers_may_come_from_a_file(tmp_path):
 
 def test_the_examples_in_the_documentation_run(root, capsys):
     text = (root / "docs" / "netem.md").read_text(encoding="utf-8")
-    virtual, wall = (part.split("```")[0] for part in text.split("```python\n")[1:])
+    virtual, timeline, wall = (part.split("```")[0] for part in text.split("```python\n")[1:])
     exec(virtual, {})
     printed = capsys.readouterr().out.splitlines()
     assert sum(line.endswith(" delivered") for line in printed) > 900
     assert any(line.endswith(LOST_BURST) for line in printed)
+    exec(timeline, {})
+    printed = capsys.readouterr().out.splitlines()
+    assert printed == [f"{k} {LOST_CUT}" for k in range(390, 500)]
     exec(wall, {})
     assert capsys.readouterr().out.count("b'hello' for rover") >= 9
