@@ -1,9 +1,9 @@
 """Links chosen by key expression, for traffic between two networks. No session, clock or thread.
 
 The file: ``seed``, ``[network.default]`` and ``[[network.links]]`` with ``key``,
-``direction`` and what differs from the default. Every message goes over the
-link of all the entries that match its key, of which later ones win; messages
-that match the same entries share one link, so they contend for its rate.
+``direction`` and what differs from the default. Each entry is a link, one way or
+both; a message goes over the link of the last entry that matches its key, or over
+the default one. Messages on one link contend for its rate.
 """
 
 import tomllib
@@ -24,6 +24,7 @@ from netem.timeline import Timeline
 
 Direction = Literal["forward", "backward"]
 DIRECTIONS: tuple[Direction, ...] = ("forward", "backward")
+DEFAULT = "default"
 _WINDOW = 100_000  # arrivals by which quantiles go
 _MOST_KEYS = 100_000  # keys whose lane is remembered
 
@@ -111,7 +112,7 @@ def _unreadable(path: Path, rule: str) -> NetworkFileError:
 class Lane:
     """One link in use: its settings over time, and what became of its messages.
 
-    ``name`` is ``default`` or the keys of the entries it was made by.
+    ``name`` is ``default`` or the key of its entry.
     """
 
     def __init__(self, seed: int, direction: Direction, name: str, settings: LinkSettings) -> None:
@@ -181,19 +182,21 @@ class HealRequest(Request):
 
 
 class Lanes:
-    """All links between two networks; made as keys come up, kept for good."""
+    """All links between two networks: in each direction the default one, and one an entry."""
 
     def __init__(self, file: LaneFile) -> None:
-        self._seed = file.seed
-        self._network = file.network
+        self._rules = file.network.links
         self._lanes: dict[tuple[Direction, str], Lane] = {}
         self._by_key: dict[tuple[Direction, str], Lane] = {}
-        self._requests: list[Request] = []
-        for direction in DIRECTIONS:  # so that they can be seen and changed before any traffic
-            self._made(direction, [])
-            for rule in file.network.links:
-                if rule.direction in ("both", direction):
-                    self._made(direction, [rule])
+        default = file.network.default
+        for direction in DIRECTIONS:
+            made = {DEFAULT: default} | {
+                rule.key: default.changed(rule)
+                for rule in self._rules
+                if rule.direction in ("both", direction)
+            }
+            for name, settings in made.items():
+                self._lanes[direction, name] = Lane(file.seed, direction, name, settings)
 
     def __iter__(self) -> Iterator[Lane]:
         return iter(self._lanes.values())
@@ -202,28 +205,15 @@ class Lanes:
         """The lane of messages of ``key`` in ``direction``."""
         lane = self._by_key.get((direction, key))
         if lane is None:
-            rules = [rule for rule in self._network.links if rule.covers(direction, key)]
-            lane = self._made(direction, rules)
+            matching = [rule.key for rule in self._rules if rule.covers(direction, key)]
+            lane = self._lanes[direction, matching[-1] if matching else DEFAULT]
             if len(self._by_key) >= _MOST_KEYS:
                 self._by_key.clear()
             self._by_key[direction, key] = lane
         return lane
 
-    def _made(self, direction: Direction, rules: list[LaneRule]) -> Lane:
-        name = ", ".join(dict.fromkeys(rule.key for rule in rules)) or "default"
-        lane = self._lanes.get((direction, name))
-        if lane is None:
-            settings = self._network.default
-            for rule in rules:
-                settings = settings.changed(rule)
-            lane = self._lanes[direction, name] = Lane(self._seed, direction, name, settings)
-            for request in self._requests:
-                if request.covers(lane):
-                    lane.timeline.do(0, request.action())
-        return lane
-
     def do(self, request: Request, now_ns: int) -> list[Lane]:
-        """Do what is asked to the lanes that are meant, and to those that come up later.
+        """Do what is asked to the lanes that are meant.
 
         Raises:
             SettingError: a lane does not admit it; nothing has changed.
@@ -239,7 +229,6 @@ class Lanes:
                 lane.timeline.settings.changed(action.overrides)
         for lane in meant:
             lane.note_lost(lane.timeline.do(now_ns, action))
-        self._requests.append(request)
         return meant
 
     def described(self) -> list[dict[str, Any]]:

@@ -83,7 +83,7 @@ class Impairment(Protocol):
         ...
 
 
-class _Lane:
+class _Draws:
     """A link's impairments with the streams from which one kind of message draws."""
 
     def __init__(
@@ -127,7 +127,7 @@ class Link:
         self._originals: list[Impairment] = []
         self._twins: list[Impairment] = []
         self._duplicate: Duplicate | None = None
-        self._lanes: dict[str, _Lane] = {}
+        self._kinds: dict[str, _Draws] = {}
         self._cut = False
         self._pending: list[tuple[int, int, Transit]] = []  # due, order of sending, copy
         self._order = 0
@@ -159,23 +159,23 @@ class Link:
                 if twin is not original:
                     _inherit(twin, before_twins.get(twin.name))
         self._duplicate = duplicate
-        self._lanes = {}
+        self._kinds = {}
 
     @property
     def impairments(self) -> list[Impairment]:
         """What a message meets, in order."""
         return list(self._originals)
 
-    def _lane(self, kind: str) -> _Lane:
-        lane = self._lanes.get(kind)
-        if lane is None:
-            lane = self._lanes[kind] = _Lane(
+    def _draws_of(self, kind: str) -> _Draws:
+        draws = self._kinds.get(kind)
+        if draws is None:
+            draws = self._kinds[kind] = _Draws(
                 [(stage, self._stream(stage.name, kind)) for stage in self._originals],
                 [(stage, self._stream(f"{stage.name} of duplicates", kind))
                  for stage in self._twins],
                 self._stream("duplicate", kind),
             )  # fmt: skip
-        return lane
+        return draws
 
     def _stream(self, name: str, kind: str) -> Random:
         if (name, kind) not in self._streams:
@@ -193,15 +193,15 @@ class Link:
         message draws from streams of its own, so that a new kind changes no draw
         of the others, though all share the line. ``note`` travels along unread.
         """
-        lane = self._lane(kind)
+        draws = self._draws_of(kind)
         copies = [Transit(sequence, now_ns, now_ns, payload, note=note)]
-        if self._duplicate is not None and self._duplicate.doubles(lane.duplicate):
+        if self._duplicate is not None and self._duplicate.doubles(draws.duplicate):
             copies.append(Transit(sequence, now_ns, now_ns, payload, DUPLICATED, note=note))
-        stages = lane.originals
+        stages = draws.originals
         for transit in copies:
             for impairment, random in stages:
                 impairment.apply(transit, random)
-            stages = lane.twins
+            stages = draws.twins
             if not transit.lost:
                 if self._cut:
                     transit.fate = LOST_CUT
