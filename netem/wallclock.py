@@ -14,6 +14,9 @@ from typing import Any
 
 from netem.link import Link, Transit
 
+_WATCH_NS = 100_000
+"""From so long before an instant on the thread watches the clock: the kernel wakes it late."""
+
 
 class WallClock:
     """Carries messages over links in real time, which begins at 0 with this object.
@@ -126,8 +129,13 @@ class WallClock:
                     self._changed.wait()
                     continue
                 left_ns = self._due[0][0] - self.now_ns()
+                if left_ns > _WATCH_NS:
+                    self._changed.wait((left_ns - _WATCH_NS) / 1e9)
+                    continue
                 if left_ns > 0:
-                    self._changed.wait(left_ns / 1e9)
+                    self._changed.release()
+                    time.sleep(0)
+                    self._changed.acquire()
                     continue
                 due_ns, _, link = heapq.heappop(self._due)
                 return link, link.deliver(due_ns)
