@@ -15,6 +15,7 @@ from netem.tables import (
     Positive,
     PositiveSeconds,
     Seconds,
+    Shape,
     Table,
     nanoseconds,
     read_numbers,
@@ -119,6 +120,11 @@ class GammaDelaySettings(_RandomDelaySettings):
     mean_s: PositiveSeconds
     stddev_s: PositiveSeconds
 
+    @model_validator(mode="after")
+    def _computable(self) -> "GammaDelaySettings":
+        self.law()  # knows its own rule
+        return self
+
     def law(self) -> distributions.Distribution:
         return distributions.Gamma(self.mean_s, self.stddev_s)
 
@@ -128,7 +134,7 @@ class WeibullDelaySettings(_RandomDelaySettings):
 
     distribution: Literal["weibull"]
     scale_s: PositiveSeconds
-    shape: Positive
+    shape: Shape
 
     def law(self) -> distributions.Distribution:
         return distributions.Weibull(self.scale_s, self.shape)
@@ -139,7 +145,7 @@ class ParetoDelaySettings(_RandomDelaySettings):
 
     distribution: Literal["pareto"]
     minimum_s: PositiveSeconds
-    shape: Positive
+    shape: Shape
 
     @model_validator(mode="after")
     def _has_variance(self) -> "ParetoDelaySettings":

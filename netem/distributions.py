@@ -62,10 +62,15 @@ class LogNormal:
 
 
 class Gamma:
-    """Gamma with this ``mean`` and ``stddev``: shape (mean/stddev)², scale stddev²/mean."""
+    """Gamma with this ``mean`` and ``stddev``: shape (mean/stddev)², scale stddev²/mean.
+
+    ``stddev`` is at most 100 ``mean``: beyond, nearly every draw is below any number there is.
+    """
 
     def __init__(self, mean: float, stddev: float) -> None:
         _positive(mean=mean, stddev=stddev)
+        if stddev > 100.0 * mean:
+            raise ValueError(f"stddev must be at most 100 mean, got {stddev} and {mean}")
         from scipy.special import gammaincinv  # slow to import, and only this needs it
 
         self._inverse = gammaincinv

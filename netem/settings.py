@@ -82,8 +82,8 @@ class SlotsSettings(Table):
 
     @model_validator(mode="after")
     def _ordered(self) -> "SlotsSettings":
-        if self.max_s and not 0.0 < self.min_s <= self.max_s:
-            raise ValueError(f"need 0 < min_s <= max_s, got {self.min_s} and {self.max_s}")
+        if self.max_s and not 1e-9 <= self.min_s <= self.max_s:
+            raise ValueError(f"need 1e-9 <= min_s <= max_s, got {self.min_s} and {self.max_s}")
         return self
 
 

@@ -12,11 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model,
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
-PositiveSeconds = Annotated[float, Field(gt=0.0, le=3600.0)]
+PositiveSeconds = Annotated[float, Field(ge=1e-9, le=3600.0)]
 Positive = Annotated[float, Field(gt=0.0)]
+Shape = Annotated[float, Field(ge=0.1)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Correlation = Annotated[float, Field(ge=0.0, lt=1.0)]
-Count = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, le=10**12)]
 
 
 def nanoseconds(seconds: float) -> int:

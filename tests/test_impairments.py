@@ -50,7 +50,6 @@ from netem import (
     UniformDelay,
 )
 from netem import distributions as d
-from netem.presets import PRESETS
 
 ALPHA = 0.001
 SEED = 20260
@@ -589,71 +588,7 @@ def test_the_same_seed_gives_the_same_bytes_in_any_process():
     assert len(outputs.pop()) > 100_000
 
 
-# --- presets and bad values -----------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_presets_are_links_and_a_base(name):
-    base = LinkSettings.model_validate({"preset": name})
-    assert base.link(seed=1, source=1, destination=2).send(0, 0, b"x")
-    changed = LinkSettings.model_validate({"preset": name, "duplicate": {"probability": 0.5}})
-    assert changed.duplicate.probability == 0.5
-    assert changed.delay == base.delay
-    assert name != "robot-link" or (
-        base.rate.bits_per_s == 60_000_000
-        and base.constant_ns is None
-        and base.loss.probability == 0.0014
-    )
-
-
-BAD = {
-    "delay": [
-        ({"distribution": "normal", "mean_s": 0.0, "stddev_s": 0.1}, "mean_s"),
-        ({"distribution": "lognormal", "mean_s": 0.1, "stddev_s": -1.0}, "stddev_s"),
-        ({"distribution": "gamma", "mean_s": 0.1}, "stddev_s"),
-        ({"distribution": "weibull", "scale_s": 0.1, "shape": 0.0}, "shape"),
-        ({"distribution": "pareto", "minimum_s": 0.1, "shape": 2.0, "correlation": 0.5}, "shape = 2"),
-        ({"distribution": "exponential", "mean_s": 0.1, "correlation": 1.0}, "correlation"),
-        ({"distribution": "exponential", "mean_s": 0.1, "offset_s": -0.1}, "offset_s"),
-        ({"distribution": "empirical", "samples_s": []}, "samples_s"),
-        ({"distribution": "empirical", "samples_s": [0.1, -0.1]}, "samples_s"),
-        ({"distribution": "empirical", "file": "nowhere.csv"}, "nowhere.csv"),
-        ({"distribution": "trace", "times_s": [0.0, 0.0], "delays_s": [0.1, 0.1]}, "times_s"),
-        ({"distribution": "trace", "times_s": [0.0], "delays_s": [0.1]}, "period_s"),
-        ({"distribution": "trace", "times_s": [0.0, 1.0], "delays_s": [0.1]}, "delays_s"),
-        ({"distribution": "trace", "times_s": [0.0, 1.0], "delays_s": [0.1, 0.2], "period_s": 1.0}, "period_s"),
-        ({"distribution": "uniform", "low_s": 0.2, "high_s": 0.1}, "low_s = 0.2"),
-    ],
-    "loss": [
-        ({"probability": 1.5}, "probability"),
-        ({"probability": 0.5, "correlation": 1.0}, "correlation"),
-        ({"model": "gilbert_elliott", "p": -0.1}, "gilbert_elliott.p\n"),
-        ({"model": "gilbert_elliott", "p": 0.1, "loss_in_bad": 2.0}, "loss_in_bad"),
-        ({"model": "four_state", "p13": 0.6, "p14": 0.6}, "p13 + p14"),
-        ({"model": "trace", "losses": [0, 2]}, "losses"),
-        ({"model": "every_nth", "n": 0}, "every_nth.n\n"),
-        ({"model": "bursty"}, "bursty"),
-    ],
-    "duplicate": [({"probability": -0.1}, "probability")],
-    "corrupt": [({"probability": 1.1}, "probability")],
-    "reorder": [({"probability": 0.1, "gap": 0}, "gap")],
-    "rate": [({"bits_per_s": -1}, "bits_per_s"), ({"bits_per_s": 1.5}, "bits_per_s")],
-    "queue": [({"messages": -1}, "messages"), ({"bytes": -1}, "bytes")],
-    "slots": [({"min_s": 0.2, "max_s": 0.1}, "0.2"), ({"min_s": 0.0, "max_s": 0.1}, "min_s")],
-    "keep_order": [("yes", "keep_order")],
-    "playout_s": [(-1.0, "playout_s")],
-    "preset": [("wlan", "'wlan' is none of ideal, lan")],
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"), [(key, *case) for key, cases in BAD.items() for case in cases]
-)
-def test_bad_settings_name_key_and_value(key, value, words):
-    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the text is checked below
-        LinkSettings.model_validate({key: value})
-    assert words in str(caught.value)
-    assert key in str(caught.value)
+# --- bad arguments, and the documentation -----------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -684,25 +619,6 @@ def test_bad_settings_name_key_and_value(key, value, words):
 def test_bad_arguments_are_refused_and_shown(make, words):
     with pytest.raises(ValueError, match=words.replace("[", r"\[").replace("+", r"\+")):
         make()
-
-
-def test_numbers_may_come_from_a_file(tmp_path):
-    (tmp_path / "rtt.csv").write_text("delay_s\n0.001\n0.002\n")
-    (tmp_path / "trace.csv").write_text("0,0.01\n1.5,0.02\n")
-    (tmp_path / "loss.csv").write_text("0\n1\n")
-    context = {"folder": str(tmp_path)}
-
-    def validated(table):
-        return LinkSettings.model_validate(table, context=context)
-
-    delay = validated({"delay": {"distribution": "empirical", "file": "rtt.csv"}}).delay
-    assert delay.samples_s == [0.001, 0.002]
-    delay = validated({"delay": {"distribution": "trace", "file": "trace.csv"}}).delay
-    assert (delay.times_s, delay.delays_s) == ([0.0, 1.5], [0.01, 0.02])
-    assert validated({"loss": {"model": "trace", "file": "loss.csv"}}).loss.losses == [0, 1]
-    (tmp_path / "rtt.csv").write_text("0.001\nfast\n")
-    with pytest.raises(ValueError, match=r"rtt\.csv, line 2: 'fast' is not 1 finite number"):
-        validated({"delay": {"distribution": "empirical", "file": "rtt.csv"}})
 
 
 def test_the_examples_in_the_documentation_run(root, capsys):
