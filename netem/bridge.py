@@ -10,10 +10,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import zenoh
+from zenoh.handlers import Callback
 
 from netem.lanes import Direction, Lane, LaneFile, Lanes, Request
 from netem.link import Link, Transit
-from netem.wallclock import WallClock
+from netem.wallclock import ClockClosed, WallClock
 
 LISTEN = "listen:"
 """Before an endpoint: wait there for applications instead of connecting to one."""
@@ -39,11 +40,21 @@ class Bridge:
     Publications (put and delete) keep key, encoding, attachment, time stamp,
     priority, congestion control and express flag. A query is a message too,
     and so is each reply to it; one that is lost, or whose replies are, ends without them.
+
+    Raises:
+        BridgeError: ``first`` and ``second`` have a neighbour in common: every message
+            would go round for ever.
     """
 
     def __init__(
         self, first: zenoh.Session, second: zenoh.Session, keys: str, file: LaneFile
     ) -> None:
+        both = _neighbours(first) & _neighbours(second)
+        if both:
+            raise BridgeError(
+                f"both ends lead to the same network (node {min(both)} is at both): "
+                "--from and --to must be networks that do not reach each other"
+            )
         self.clock = WallClock(self._deliver)
         self.lanes = Lanes(file)
         self.failures = 0  # what could not be handed on, because a session was closing, say
@@ -99,8 +110,8 @@ class Bridge:
     def _on_query(self, direction: Direction, query: zenoh.Query) -> None:
         self._send(direction, str(query.key_expr), query.payload, query)
 
-    def _on_reply(self, direction: Direction, query: zenoh.Query, reply: zenoh.Reply) -> None:
-        ok = reply.ok
+    def _on_reply(self, direction: Direction, open_: list[zenoh.Query], reply: zenoh.Reply) -> None:
+        (query,), ok = open_, reply.ok
         key, payload = (query.key_expr, None) if ok is None else (ok.key_expr, ok.payload)
         if ok is None and reply.err is not None:
             payload = reply.err.payload
@@ -112,9 +123,14 @@ class Bridge:
         data = b"" if payload is None else payload.to_bytes()
         with self.clock.lock:
             lane = self.lanes.of(direction, key)
+            kind, note = lane.kind_of(key), (lane, item)
+            try:
+                copies = self.clock.send(lane.link, lane.sequence + 1, data, kind=kind, note=note)
+            except ClockClosed:  # a reply to a query that was delivered while closing
+                self.failures += 1
+                return
             lane.sequence += 1
-            note = (lane, item)
-            lane.note_sent(self.clock.send(lane.link, lane.sequence, data, kind=key, note=note))
+            lane.note_sent(copies)
 
     # --- out: the clock's thread ----------------------------------------------------------
 
@@ -130,12 +146,14 @@ class Bridge:
             else:
                 _answer(item, copy.payload)
         except zenoh.ZError:
-            self.failures += 1
+            with self.clock.lock:
+                self.failures += 1
 
     def _ask(self, direction: Direction, query: zenoh.Query, payload: bytes) -> None:
+        open_ = [query]  # emptied after the last reply: Zenoh lets go of callbacks some time later
         self._towards[direction].get(
             query.selector,
-            partial(self._on_reply, direction, query),
+            Callback(partial(self._on_reply, direction, open_), open_.clear, indirect=False),
             payload=None if query.payload is None else payload,
             encoding=query.encoding,
             attachment=query.attachment,
@@ -144,6 +162,11 @@ class Bridge:
             timeout=QUERY_TIMEOUT_S,
             allowed_destination=zenoh.Locality.REMOTE,
         )
+
+
+def _neighbours(session: zenoh.Session) -> set[str]:
+    info = session.info
+    return {str(zid) for zid in (info.zid(), *info.routers_zid(), *info.peers_zid())}
 
 
 def _publish(session: zenoh.Session, sample: zenoh.Sample, payload: bytes) -> None:

@@ -1,6 +1,7 @@
 """The control endpoint of a bridge: HTTP with JSON, for curl and scripts."""
 
 import json
+import socket
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -72,9 +73,11 @@ def server(bridge: Bridge, host: str, port: int) -> ThreadingHTTPServer:
             self.end_headers()
             self.wfile.write(text)
 
-    made = ThreadingHTTPServer((host, port), Handler)
-    made.daemon_threads = True
-    return made
+    class Server(ThreadingHTTPServer):
+        address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        daemon_threads = True
+
+    return Server((host, port), Handler)
 
 
 def _shown(bridge: Bridge, path: str) -> Any:
@@ -93,7 +96,7 @@ def _done(bridge: Bridge, path: str, body: bytes) -> Any:
         raise _Refused(404, f"there is no POST {path}; there are: {', '.join(_HELP)}")
     try:
         data = json.loads(body or b"{}")
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise _Refused(400, f"not JSON: {error}") from None
     try:
         lanes = bridge.do(kind.model_validate(data))

@@ -25,8 +25,10 @@ from netem.timeline import Timeline
 Direction = Literal["forward", "backward"]
 DIRECTIONS: tuple[Direction, ...] = ("forward", "backward")
 DEFAULT = "default"
+"""The name of the link of what no entry matches."""
 _WINDOW = 100_000  # arrivals by which quantiles go
-_MOST_KEYS = 100_000  # keys whose lane is remembered
+_MOST_KEYS = 100_000  # whose lane is remembered
+_MOST_STREAMS = 10_000  # keys of a lane that draw from random streams of their own
 
 
 def checked_keys(text: str) -> str:
@@ -42,13 +44,19 @@ def checked_keys(text: str) -> str:
     return text
 
 
+def _checked_name(text: str) -> str:
+    if text == DEFAULT:
+        raise ValueError(f"{DEFAULT!r} is the name of the link of all other keys; write {text}/**")
+    return checked_keys(text)
+
+
 class LaneRule(LinkOverrides):
     """``[[network.links]]``: what differs for keys that match ``key``, one way or both.
 
     ``forward`` is from the network of --from to that of --to.
     """
 
-    key: Annotated[str, AfterValidator(checked_keys)]
+    key: Annotated[str, AfterValidator(_checked_name)]
     direction: Literal["forward", "backward", "both"] = "both"
 
     def covers(self, direction: Direction, key: str) -> bool:
@@ -121,7 +129,16 @@ class Lane:
         self.link = settings.link(seed=seed, source=direction, destination=name)
         self.timeline = Timeline(settings, link=self.link)
         self.sequence = 0
+        self._kinds: set[str] = set()
         self._tally = Tally(_WINDOW)
+
+    def kind_of(self, key: str) -> str:
+        """The kind of message that one of ``key`` is: the first 10,000 keys each have their own."""
+        if key not in self._kinds:
+            if len(self._kinds) >= _MOST_STREAMS:
+                return ""
+            self._kinds.add(key)
+        return key
 
     def note_sent(self, copies: list[Transit]) -> None:
         """Count a message."""
@@ -146,12 +163,12 @@ class Request(BaseModel):
     """What a change of links in use begins with: which; by default all of them, both ways."""
 
     model_config = ConfigDict(**STRICT)
-    link: str = "*"
+    link: str | None = None
     direction: Literal["forward", "backward", "both"] = "both"
 
     def covers(self, lane: Lane) -> bool:
         """Whether ``lane`` is meant."""
-        return self.link in ("*", lane.name) and self.direction in ("both", lane.direction)
+        return self.link in (None, lane.name) and self.direction in ("both", lane.direction)
 
     def action(self) -> Change | Cut | Heal:
         """What to do to the lanes."""

@@ -16,6 +16,11 @@ from netem.link import Link, Transit
 
 _WATCH_NS = 100_000
 """From so long before an instant on the thread watches the clock: the kernel wakes it late."""
+_LONGEST_WAIT_S = 3600.0
+
+
+class ClockClosed(RuntimeError):
+    """A message came after the end."""
 
 
 class WallClock:
@@ -65,11 +70,11 @@ class WallClock:
         Callable from any thread; messages of one link in sequence order.
 
         Raises:
-            RuntimeError: the clock is closed.
+            ClockClosed: the clock is closed.
         """
         with self._changed:
             if self._closing:
-                raise RuntimeError("the wall clock is closed")
+                raise ClockClosed("the wall clock is closed")
             copies = link.send(self.now_ns(), sequence, payload, kind=kind, note=note)
             for copy in copies:
                 if not copy.lost:
@@ -123,6 +128,8 @@ class WallClock:
         """The next link with something due, and that; None at the end."""
         with self._changed:
             while True:
+                while self._due and not _has_due(*self._due[0]):
+                    heapq.heappop(self._due)  # a cut has lost it
                 if not self._due:
                     if self._closing:
                         return None
@@ -130,7 +137,7 @@ class WallClock:
                     continue
                 left_ns = self._due[0][0] - self.now_ns()
                 if left_ns > _WATCH_NS:
-                    self._changed.wait((left_ns - _WATCH_NS) / 1e9)
+                    self._changed.wait(min((left_ns - _WATCH_NS) / 1e9, _LONGEST_WAIT_S))
                     continue
                 if left_ns > 0:
                     self._changed.release()
@@ -139,6 +146,10 @@ class WallClock:
                     continue
                 due_ns, _, link = heapq.heappop(self._due)
                 return link, link.deliver(due_ns)
+
+
+def _has_due(due_ns: int, _order: int, link: Link) -> bool:
+    return link.next_due_ns is not None and link.next_due_ns <= due_ns
 
 
 def _wake_punctually() -> None:

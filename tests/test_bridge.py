@@ -102,6 +102,18 @@ def test_requests_reach_the_links_they_name_and_no_others():
     assert not cut.link.send(9, 1, b"")[0].lost
 
 
+def test_a_link_named_by_a_star_is_not_all_links():
+    made = lanes(links=[{"key": "*"}])
+    assert {lane.name for lane in made.do(CutRequest(link="*"), 0)} == {"*"}
+    assert {lane.name for lane in made.do(HealRequest(), 0)} == {"*", "default"}
+
+
+def test_keys_beyond_the_first_many_share_their_streams(monkeypatch):
+    monkeypatch.setattr("netem.lanes._MOST_STREAMS", 2)
+    lane = lanes().of("forward", "a")
+    assert [lane.kind_of(key) for key in ("a", "b", "c", "a", "d")] == ["a", "b", "", "a", ""]
+
+
 def test_a_request_that_one_link_does_not_admit_changes_none():
     made = lanes(
         links=[{"key": "a", "delay": {"distribution": "uniform", "low_s": 0, "high_s": 1}}]
@@ -126,6 +138,8 @@ BAD_FILES = {
     "bad value": ("[network.default]\nloss.probability = 2.0", "network.default.loss.probability = 2.0: must be at most 1"),
     "no key": ("[[network.links]]\nplayout_s = 1.0", r"network.links\[0\].key: is required"),
     "bad key": ('[[network.links]]\nkey = "a//b"', r"network.links\[0\].key = 'a//b': 'a//b' is no key expression"),
+    "name of the default": ('[[network.links]]\nkey = "default"', r"key = 'default': 'default' is the name of the link of all other"),
+    "not text": (b"\xff\xfe", "not TOML: 'utf-8' codec"),
     "bad direction": ('[[network.links]]\nkey = "a"\ndirection = "up"', "direction = 'up': must be 'forward', 'backward' or 'both'"),
     "part of another kind": ('[[network.links]]\nkey = "a"\ndelay.low_s = 0.1', r"network.links\[0\].delay.low_s = 0.1: unknown key"),
     "missing file": ('[network.default.delay]\ndistribution = "empirical"\nfile = "gone.csv"', "gone.csv cannot be read"),
@@ -135,7 +149,7 @@ BAD_FILES = {
 @pytest.mark.parametrize(("text", "words"), BAD_FILES.values(), ids=BAD_FILES)
 def test_bad_network_file_is_named_and_exits_2(tmp_path, text, words):
     path = tmp_path / "network.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(NetworkFileError, match=words):
         load(path)
     found = bridge_command("--network", str(path))
@@ -170,6 +184,17 @@ def test_an_endpoint_that_cannot_be_had_is_named():
         session("listen:tcp/256.0.0.1:1"),
     ):
         pass
+
+
+def test_a_network_cannot_be_joined_with_itself():
+    end = f"tcp/127.0.0.1:{free_port()}"
+    with (
+        session(f"listen:{end}"),
+        session(end) as one,
+        session(end) as other,
+        pytest.raises(BridgeError, match="both ends lead to the same network"),
+    ):
+        Bridge(one, other, "**", LaneFile())
 
 
 # --- what arrives: applications and bridge in one process --------------------------------------
@@ -290,14 +315,24 @@ def test_a_query_that_is_lost_ends_without_reply(join):
     assert time.monotonic() - start < TIMEOUT_S  # it ended, not only its patience
 
 
+def test_a_reply_that_comes_after_the_end_is_counted_and_breaks_nothing(join):
+    ends = join('[network.default.delay]\ndistribution = "constant"\nmean_s = 0.3')
+    ends.right.declare_queryable("robot/x", lambda query: query.reply("robot/x", b"late"))
+    replies = ends.left.get("robot/x", timeout=TIMEOUT_S)
+    ends.until(lambda: ends.bridge.statistics()[0]["in_flight"], "the query")
+    ends.bridge.close()
+    assert list(replies) == []
+    ends.until(lambda: ends.bridge.failures == 1, "the reply")
+
+
 @contextmanager
-def controlled(bridge):
-    http = server(bridge, "127.0.0.1", 0)
+def controlled(bridge, host="127.0.0.1"):
+    http = server(bridge, host, 0)
     threading.Thread(target=http.serve_forever, daemon=True).start()
 
     def call(path, body=None):
-        url = f"http://127.0.0.1:{http.server_address[1]}{path}"
-        data = None if body is None else json.dumps(body).encode()
+        url = f"http://{f'[{host}]' if ':' in host else host}:{http.server_address[1]}{path}"
+        data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
         try:
             with urllib.request.urlopen(
                 urllib.request.Request(url, data), timeout=TIMEOUT_S
@@ -334,6 +369,11 @@ def test_control_shows_and_changes_links_in_use(join):
         assert about(got, "robot/cut") == []
 
 
+def test_control_listens_on_ipv6_too(join):
+    with controlled(join().bridge, "::1") as call:
+        assert call("/network")[0] == 200
+
+
 @pytest.mark.parametrize(
     ("path", "body", "status", "words"),
     [
@@ -344,6 +384,10 @@ def test_control_shows_and_changes_links_in_use(join):
         ("/network", {"delay": {"low_s": 1.0}}, 400, "delay.low_s = 1.0: unknown key"),
         ("/network", {"link": "gone"}, 400, "there is no link 'gone' (links: default)"),
         ("/network", [], 400, "must be a table"),
+        ("/network", b"{delay", 400, "not JSON"),
+        ("/network", b"[" * 100_000, 400, "not JSON"),
+        ("/network", b"\xff", 400, "not JSON"),
+        ("/network", b" " * 1_000_001, 413, "at most 1000000 bytes"),
         ("/cut", {"in_flight": "gone"}, 400, "in_flight = 'gone': must be 'kept' or 'lost'"),
     ],
 )
@@ -432,11 +476,11 @@ def test_two_unmodified_programs_meet_exactly_the_network_that_was_asked_for(tmp
         assert -4 * error_ms < surplus_ms < 4 * error_ms + 2 * np.median(late_ns) / MS
 
 
-def test_an_interrupted_bridge_delivers_what_is_in_flight(tmp_path):
+@contextmanager
+def bridge_program(tmp_path, text):
+    """A bridge in a process of its own, and an application in each of the two networks."""
     path = tmp_path / "network.toml"
-    path.write_text(
-        "[network.default]\ndelay = { distribution = 'constant', mean_s = 1.0 }", encoding="utf-8"
-    )
+    path.write_text(text, encoding="utf-8")
     here, there = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     with ExitStack() as stack:
         bridge = stack.enter_context(
@@ -445,6 +489,28 @@ def test_an_interrupted_bridge_delivers_what_is_in_flight(tmp_path):
         )  # fmt: skip
         assert "bridging" in bridge.stderr.readline()
         left, right = (stack.enter_context(application(end)) for end in (here, there))
+        yield bridge, left, right
+
+
+def test_a_query_ends_with_its_last_reply(tmp_path):
+    """Not when its patience does. Only a bridge in another process lets its query go too late."""
+    with bridge_program(tmp_path, "") as (_, left, right):
+        replies, deadline = [], time.monotonic() + TIMEOUT_S
+        right.declare_queryable("a/x", lambda query: query.reply("a/x", b"1"))
+        while not replies:  # until the way is open in both networks
+            assert time.monotonic() < deadline
+            replies = [reply.ok for reply in left.get("a/x", timeout=TIMEOUT_S)]
+        start = time.monotonic()
+        for _ in range(3):
+            (reply,) = left.get("a/x", timeout=3 * TIMEOUT_S)
+            assert reply.ok.payload.to_bytes() == b"1"
+            assert list(left.get("a/nobody", timeout=3 * TIMEOUT_S)) == []
+        assert time.monotonic() - start < TIMEOUT_S
+
+
+def test_an_interrupted_bridge_delivers_what_is_in_flight(tmp_path):
+    delayed = "[network.default]\ndelay = { distribution = 'constant', mean_s = 1.0 }"
+    with bridge_program(tmp_path, delayed) as (bridge, left, right):
         got = []
         right.declare_subscriber("a/**", got.append)
         publisher = left.declare_publisher("a/x")

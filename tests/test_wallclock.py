@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from netem import ConstantDelay, Link, RandomLoss, UniformDelay
-from netem.wallclock import WallClock
+from netem.wallclock import ClockClosed, WallClock
 
 MS = 1_000_000
 
@@ -52,8 +52,33 @@ def test_closing_at_once_drops_what_is_in_flight():
     clock = WallClock(lambda *_: pytest.fail("delivered"))
     clock.send(link, 0, b"x")
     clock.close(drain=False)
-    with pytest.raises(RuntimeError, match="closed"):
+    with pytest.raises(ClockClosed):
         clock.send(link, 1, b"x")
+
+
+def test_what_a_cut_has_lost_is_not_waited_for():
+    lost, kept = links(2, lambda: ConstantDelay(3600 * 10**9))[0], links(1)[0]
+    arrived = []
+    clock = WallClock(lambda _, copy: arrived.append(copy.payload))
+    clock.send(lost, 0, b"lost")
+    with clock.lock:
+        lost.cut(clock.now_ns(), lose_in_flight=True)
+    clock.send(kept, 0, b"kept")
+    closing = threading.Thread(target=clock.close, daemon=True)
+    closing.start()
+    closing.join(10)
+    assert not closing.is_alive()
+    assert arrived == [b"kept"]
+
+
+def test_messages_due_in_the_far_future_break_nothing():
+    (far,), (near,) = links(1, lambda: ConstantDelay(10**30)), links(1)
+    arrived = threading.Event()
+    clock = WallClock(lambda *_: arrived.set())
+    clock.send(far, 0, b"")
+    clock.send(near, 0, b"")
+    assert arrived.wait(10)
+    clock.close(drain=False)
 
 
 def test_an_error_of_the_receiver_comes_out():
