@@ -83,7 +83,7 @@ def test_a_change_replaces_exactly_what_it_names():
         ({"delay": {"low_s": 0.1}}, "delay.low_s = 0.1: unknown key"),
         ({"loss": {"p": 0.1}}, "loss.p = 0.1: unknown key"),
         ({"slots": {"min_s": 0.5}, "rate": {"bits_per_s": 1}}, None),
-        ({"slots": {"max_s": 0.5}}, "slots = .*need 0 < min_s <= max_s, got 0.0 and 0.5"),
+        ({"slots": {"max_s": 0.5}}, "slots = .*need 1e-9 <= min_s <= max_s, got 0.0 and 0.5"),
     ],
 )
 def test_a_change_that_the_settings_do_not_admit_is_named_and_changes_nothing(named, words):
@@ -316,7 +316,7 @@ BAD = [
     ('action = "cut"\nlinks = [[1, 1]]', r"timeline\[0\]: concerns no link of formation.edges"),
     ('action = "cut"\nlinks = [[1]]', r"timeline\[0\].links\[0\]\[1\]: is required"),
     ('action = "cut"\nin_flight = "gone"', r"in_flight = 'gone': must be 'kept' or 'lost'"),
-    ('action = "cut"\nheal_after_s = 0.0', r"heal_after_s = 0.0: must be greater than 0"),
+    ('action = "cut"\nheal_after_s = 0.0', r"heal_after_s = 0.0: must be at least 1e-09"),
     ('action = "heal"\nin_flight = "lost"', r"timeline\[0\].in_flight = 'lost': unknown key"),
     ('action = "partition"', r"timeline\[0\] = .*: needs either groups or shape"),
     ('action = "partition"\nshape = "thirds"', r"shape = 'thirds': must be 'halves', 'isolate', 'bridge' or 'ring'"),
@@ -332,7 +332,7 @@ BAD = [
     ('action = "ramp"\nparameter = "loss.rate"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is no number"),
     ('action = "ramp"\nparameter = "delay.low_s"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].delay.low_s = 1.0: unknown key"),
     ('action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 1.5\nduration_s = 1.0', r"timeline\[0\].loss.probability = 1.5: must be at most 1"),
-    ('action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 0.5\nduration_s = 0.0', r"timeline\[0\].duration_s = 0.0: must be greater than 0"),
+    ('action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 0.5\nduration_s = 0.0', r"timeline\[0\].duration_s = 0.0: must be at least 1e-09"),
     ('action = "ramp"\nparameter = "loss.probability"\nto_value = 0.5\nduration_s = 1.0', r"timeline\[0\].from_value: is required"),
 ]  # fmt: skip
 
