@@ -173,7 +173,7 @@ def situation(scenario: Scenario, robot: int) -> Situation:
         offsets_m={r.id: r.offset_m for r in scenario.robots},
         coupling={
             other: weights[min(robot, other), max(robot, other)]
-            for other in scenario.neighbours[robot]
+            for other in scenario.neighbours_of[robot]
         },
         damping=vehicle.damping,
         body=body_estimate(vehicle, scenario.law.length_scale_m),

@@ -14,6 +14,7 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
+from formation.fault import FaultAction, FaultError
 from formation.scenario import Scenario
 from formation.selectors import named
 from netem.problems import Place, Problem, problems
@@ -198,6 +199,7 @@ def _mend(data: Any, loc: Place, *, missing: bool) -> None:
 def _cross_check(scenario: Scenario) -> list[Problem]:
     found = [
         *_check_clock(scenario),
+        *_check_silence(scenario),
         *_check_robots(scenario),
         *_check_edges(scenario),
         *_check_coupling(scenario),
@@ -228,6 +230,16 @@ def _check_clock(scenario: Scenario) -> Iterator[Problem]:
             "duration_s",
             str(scenario.duration_s),
             f"must be a multiple of clock.control_period_s = {clock.control_period_s}",
+        )
+
+
+def _check_silence(scenario: Scenario) -> Iterator[Problem]:
+    neighbours, period_s = scenario.neighbours, scenario.clock.broadcast_period_s
+    if neighbours.on_silence == "drop" and neighbours.silence_s < period_s:
+        yield Problem(
+            "neighbours.silence_s",
+            str(neighbours.silence_s),
+            f"must be at least clock.broadcast_period_s = {period_s}: nobody is heard more often",
         )
 
 
@@ -284,7 +296,7 @@ def _check_selectors(scenario: Scenario) -> Iterator[Problem]:
         yield from _unknown_robots(scenario, f"{place}.from", named(rule.sources))
         yield from _unknown_robots(scenario, f"{place}.to", named(rule.destinations))
     for index, action in enumerate(scenario.timeline):
-        yield from _unknown_robots(scenario, f"timeline[{index}]", action.robots())
+        yield from _unknown_robots(scenario, f"timeline[{index}]", action.named_robots())
 
 
 def _check_links(scenario: Scenario) -> Iterator[Problem]:
@@ -301,7 +313,12 @@ def _check_links(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
-    for index, entry in enumerate(scenario.timeline):
+    try:
+        scenario.roster()
+    except FaultError as error:
+        yield Problem(f"timeline[{error.index}]", None, str(error))
+    links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
+    for index, entry in links:
         if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
             yield Problem(f"timeline[{index}]", None, "concerns no link of formation.edges")
     for source, destination in scenario.directed_links:
@@ -312,7 +329,7 @@ def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
         except SettingError as error:
             index = next(
                 k
-                for k, entry in enumerate(scenario.timeline)
+                for k, entry in links
                 if entry.effect(source, destination, scenario.ids) == error.cause
             )
             yield _on_link(f"timeline[{index}]", error.problem, source, destination)

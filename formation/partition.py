@@ -57,7 +57,7 @@ class PartitionAction(Table):
             raise ValueError(f"robot {twice[0]} is in two groups, or twice in one")
         return self
 
-    def robots(self) -> list[int]:
+    def named_robots(self) -> list[int]:
         """The robots that are named."""
         named = [robot for group in self.groups or [] for robot in group]
         return named if self.robot is None else [self.robot]

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Discriminator, Field, Tag, create_model
+from pydantic import ConfigDict, Discriminator, Field, Tag, create_model, model_validator
 
+from formation.fault import spans_of
 from formation.messages import State
+from formation.roster import Roster
 from formation.selectors import RobotId, Robots, pair_covers
 from formation.timeline import PlanEntry, TimelineAction, effects, plan_of
 from netem.link import Link
 from netem.settings import LinkOverrides, LinkSettings
-from netem.tables import STRICT, Positive, Table, nanoseconds
+from netem.tables import STRICT, Positive, PositiveSeconds, Table, nanoseconds
 from netem.timeline import Timeline
 
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -133,6 +135,53 @@ class Network(Table):
         return settings
 
 
+class Neighbours(Table):
+    """``[neighbours]``: what a robot does with what it hears.
+
+    A neighbour from which nothing came for ``silence_s``, by the robot's own clock, is
+    dropped from the law's sums until it is heard again, or its last state is held.
+    ``playout = "fixed"`` holds every message until ``playout_s`` after its stamp and drops
+    later ones (on links whose own ``playout_s`` is 0); ``"latest"`` uses it as it comes.
+    """
+
+    on_silence: Literal["hold", "drop"] = "drop"
+    silence_s: PositiveSeconds = 0.5
+    playout: Literal["latest", "fixed"] = "latest"
+    playout_s: PositiveSeconds | None = None
+
+    @model_validator(mode="after")
+    def _needs_a_time(self) -> "Neighbours":
+        if self.playout == "fixed" and self.playout_s is None:
+            raise ValueError('playout = "fixed" needs playout_s')
+        return self
+
+
+class Plant(Table):
+    """``[plant]``: what the body of a robot does whose process is gone or stopped.
+
+    brake
+        its velocities decay with the time constant ``brake_time_s``;
+    coast
+        no torque on the wheels (at the kinematic level: the velocities stay);
+    freeze
+        it stands still at once.
+    """
+
+    body_on_failure: Literal["brake", "coast", "freeze"] = "brake"
+    brake_time_s: PositiveSeconds = 0.1
+
+
+class Run(Table):
+    """``[run]``: what happens when something goes wrong that nobody planned.
+
+    A robot's process that dies or loses its connection, or that does not answer within
+    ``patience_s`` of wall time, is lost: the others go on without it, or the run ends.
+    """
+
+    on_unscheduled_loss: Literal["continue", "abort"] = "continue"
+    patience_s: Annotated[float, Field(ge=0.5, le=3600.0)] = 10.0
+
+
 class Vehicle(Table):
     """What one robot is and what its controller believes: ``[robot_defaults]``.
 
@@ -241,6 +290,9 @@ class Scenario(Table):
     formation: Formation
     law: LawSettings = LawSettings()
     network: Network = Network()
+    neighbours: Neighbours = Neighbours()
+    plant: Plant = Plant()
+    run: Run = Run()
     robot_defaults: Vehicle = Vehicle()
     timeline: list[TimelineAction] = []
     robots: Annotated[list[RobotTable], Field(min_length=1)]
@@ -262,7 +314,7 @@ class Scenario(Table):
         return {robot.id: robot.vehicle(self.robot_defaults) for robot in self.robots}
 
     @cached_property
-    def neighbours(self) -> dict[int, list[int]]:
+    def neighbours_of(self) -> dict[int, list[int]]:
         """𝒩_j of every robot, ascending."""
         table: dict[int, set[int]] = {robot: set() for robot in self.ids}
         for first, second in self.formation.edges:
@@ -273,22 +325,43 @@ class Scenario(Table):
     @property
     def directed_links(self) -> list[tuple[int, int]]:
         """Every (source, destination) that carries broadcasts, ascending."""
-        return sorted((i, j) for j, others in self.neighbours.items() for i in others)
+        return sorted((i, j) for j, others in self.neighbours_of.items() for i in others)
 
-    def link(self, source: int, destination: int) -> Link:
-        """One directed link as it is at the beginning."""
+    def link_settings(self, source: int, destination: int) -> LinkSettings:
+        """One directed link's settings at the beginning."""
         settings = self.network.settings(source, destination)
-        return settings.link(seed=self.seed, source=source, destination=destination)
+        playout_s = self.neighbours.playout_s
+        if self.neighbours.playout == "fixed" and playout_s is not None and not settings.playout_s:
+            settings = settings.model_copy(update={"playout_s": playout_s})
+        return settings
+
+    def link(self, source: int, destination: int, life: int = 0) -> Link:
+        """One directed link as it is at the beginning.
+
+        It stands at the receiver, so one that was restarted ``life`` times has new ones.
+        """
+        name = f"{destination}, life {life}" if life else f"{destination}"
+        return self.link_settings(source, destination).link(
+            seed=self.seed, source=source, destination=name
+        )
+
+    def roster(self) -> Roster:
+        """Who is down when, as planned. Raises FaultError."""
+        return Roster(
+            spans_of(enumerate(self.timeline), self.ids, self.seed, self.clock.control_period_ns)
+        )
 
     def timeline_of(self, source: int, destination: int, link: Link | None = None) -> Timeline:
         """What happens to one directed link; it keeps ``link`` to it, if there is one."""
-        settings = self.network.settings(source, destination)
+        settings = self.link_settings(source, destination)
         return Timeline(settings, effects(self.timeline, source, destination, self.ids), link)
 
     @property
     def plan(self) -> list[PlanEntry]:
         """What happens in the run, and when."""
-        return plan_of(self.timeline, self.directed_links, self.ids)
+        happenings = self.roster().happenings()
+        period_ns = self.clock.control_period_ns
+        return plan_of(self.timeline, self.directed_links, self.ids, happenings, period_ns)
 
     @property
     def offsets_m(self) -> NDArray[np.float64]:

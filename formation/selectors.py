@@ -71,7 +71,7 @@ class LinkSelection(Table):
             pair_covers(pair, source, destination, both_ways=self.both_ways) for pair in self.links
         )
 
-    def robots(self) -> list[int]:
+    def named_robots(self) -> list[int]:
         """The robots that are named."""
         pairs = [] if isinstance(self.links, str) else self.links
         return [robot for pair in pairs for end in pair for robot in named(end)]

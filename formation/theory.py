@@ -73,14 +73,14 @@ def _broken_assumptions(scenario: Scenario) -> list[str]:
 def _uncovered(scenario: Scenario) -> list[str]:
     """What no theorem speaks of although no assumption forbids it."""
     gaps = []
-    law, network = scenario.law, scenario.network
+    law = scenario.law
     if law.kind != "cooperative":
         gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
     if law.delta == "printed":
         gaps.append("Δ has the sign printed in Eq. 19, with which the proofs fail")
     delays: dict[int, set[int]] = {}
     for source, destination in scenario.directed_links:
-        settings = network.settings(source, destination)
+        settings = scenario.link_settings(source, destination)
         place = f"the link from {source} to {destination}"
         delay_ns = settings.constant_ns
         if delay_ns is None:
@@ -95,9 +95,10 @@ def _uncovered(scenario: Scenario) -> list[str]:
         gaps.append(
             f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
         )
-    if scenario.timeline:
-        first = min(scenario.timeline, key=lambda action: action.at_s)
-        gaps.append(f"the network changes at {first.at_s:g} s ({first.describe()})")
+    if scenario.plan:
+        first = scenario.plan[0]
+        what = "robots fail" if first.robots else "the network changes"
+        gaps.append(f"{what} at {first.at_s:g} s ({first.what})")
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
     if not damped and any(value > 0 for values in delays.values() for value in values):
         gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
@@ -126,7 +127,7 @@ def _outside_model(scenario: Scenario) -> list[str]:
 
 def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
     delayed = any(
-        scenario.network.settings(*link).constant_ns != 0 for link in scenario.directed_links
+        scenario.link_settings(*link).constant_ns != 0 for link in scenario.directed_links
     )
     kinematic = scenario.law.level == "kinematic"
     theorem = (5 if kinematic else 6) if delayed else (1 if kinematic else 3) + damped

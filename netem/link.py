@@ -21,6 +21,7 @@ LOST_TRACE = "lost: trace"
 LOST_QUEUE = "lost: queue"
 LOST_LATE = "lost: late"
 LOST_CUT = "lost: cut"
+LOST_DOWN = "lost: receiver down"
 IN_FLIGHT = "in flight"
 
 

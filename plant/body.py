@@ -187,13 +187,33 @@ def _dot(row: tuple[float, float, float], values: list[float]) -> float:
 
 def steered(state: State, speed_mps: float, turn_rate_radps: float, period_s: float) -> State:
     """The kinematic level (Eq. 6): an arc at constant speed and turn rate, in closed form."""
-    half = 0.5 * turn_rate_radps * period_s
-    chord = speed_mps * period_s * (sin(half) / half if half != 0.0 else 1.0)
+    arc, turn = speed_mps * period_s, turn_rate_radps * period_s
+    return _after_arc(state, arc, turn, speed_mps, turn_rate_radps)
+
+
+def braked(state: State, period_s: float, time_s: float) -> State:
+    """The state after ``period_s`` in which both velocities decay as exp(−t / ``time_s``).
+
+    They keep their ratio, so the way is an arc, in closed form.
+    """
+    left = math.exp(-period_s / time_s)
+    effective_s = time_s * -math.expm1(-period_s / time_s)
+    speed, turn_rate = state.speed_mps, state.turn_rate_radps
+    arc, turn = speed * effective_s, turn_rate * effective_s
+    return _after_arc(state, arc, turn, speed * left, turn_rate * left)
+
+
+def _after_arc(
+    state: State, arc_m: float, turn_rad: float, speed_mps: float, turn_rate_radps: float
+) -> State:
+    """Where an arc leads, arriving with these velocities."""
+    half = 0.5 * turn_rad
+    chord = arc_m * (sin(half) / half if half != 0.0 else 1.0)
     angle = state.heading_rad + half
     return State(
         state.x_m + chord * cos(angle),
         state.y_m + chord * sin(angle),
-        state.heading_rad + turn_rate_radps * period_s,
+        state.heading_rad + turn_rad,
         speed_mps,
         turn_rate_radps,
     )

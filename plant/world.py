@@ -1,18 +1,22 @@
 """All robots' bodies and the virtual time they share, as a pure core.
 
-The plant owns virtual time. At tick k it measures every robot (``Sense``) and
-integrates over [t_k, t_{k+1}) once it has every robot's answer (``Drive``). The
-last tick is measured and answered but not integrated, so a run of N periods has
-N + 1 samples and every sample has its command.
+The plant owns virtual time. At tick k it measures every robot that is up (``Sense``)
+and integrates over [t_k, t_{k+1}) once it has the answer (``Drive``) of each. The body of
+a robot that is down does what ``[plant] body_on_failure`` says. The last tick is measured
+and answered but not integrated, so a run of N periods has N + 1 samples and every sample
+has its command.
 """
 
 import math
 from typing import NamedTuple
 
 from formation.messages import Drive, Sense, State, finite, make
-from formation.record import Sample
+from formation.record import LinkRow, Sample
+from formation.roster import Happening, Roster
 from formation.scenario import Scenario
-from plant.body import Body, driven, steered
+from netem.link import LOST_DOWN
+from netem.timeline import NEVER
+from plant.body import Body, braked, driven, steered
 
 DIVERGED = "its command, or the state it leads to, is not finite"
 
@@ -25,14 +29,29 @@ class Diverged(NamedTuple):
 
 
 class World:
-    """Feed it drives; it returns the senses to send when a tick is complete."""
+    """Feed it drives; it returns the senses to send when a tick is complete.
+
+    Attributes:
+        tick: the current one.
+        up: the robots that take part in it, in the order of the file.
+        finished: whether the last tick is complete.
+        happenings: what is planned for this tick; the shell sees to it before it sends senses.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         self.ids = scenario.ids
         self.tick = 0
         self.finished = False
         self.diverged: Diverged | None = None
-        self._count = len(self.ids)
+        self._roster: Roster = scenario.roster()
+        self._neighbours = scenario.neighbours_of
+        self._on_failure = scenario.plant.body_on_failure
+        self._brake_time_s = scenario.plant.brake_time_s
+        self._down_rows: list[LinkRow] = []
+        self.up: list[int] = []
+        self.happenings: list[Happening] = []
+        self._open: set[int] = set()  # who has not answered yet
+        self._next_change = 0  # the next tick at which somebody goes down or comes back
         self._ticks = scenario.ticks
         self._period_ns = scenario.clock.control_period_ns
         self._period_s = self._period_ns * 1e-9
@@ -45,6 +64,7 @@ class World:
         self._row: dict[int, Sample] = {}
         self._recording = True  # whether this tick is
         self._blown: list[int] = []  # robots whose next state is not finite
+        self._enter(0)
 
     @property
     def t_ns(self) -> int:
@@ -52,12 +72,12 @@ class World:
         return self.tick * self._period_ns
 
     def senses(self) -> list[tuple[int, Sense]]:
-        """What to tell each robot at the current tick."""
-        return [(robot, make(Sense, (self.tick, self._states[robot]))) for robot in self.ids]
+        """What to tell each robot that takes part in the current tick."""
+        return [(robot, make(Sense, (self.tick, self._states[robot]))) for robot in self.up]
 
     def awaited(self) -> list[int]:
         """Robots whose answer the current tick still lacks."""
-        return [] if self.finished else [r for r in self.ids if r not in self._next]
+        return [] if self.finished else [r for r in self.up if r in self._open]
 
     def on_drive(self, drive: Drive) -> Sense:
         """One robot's answer; returns what it will be told at the next tick.
@@ -65,30 +85,60 @@ class World:
         The last answer of a tick moves ``tick`` on, or sets ``finished``.
 
         Raises:
-            ValueError: from an unknown robot, for another tick, or a second answer.
+            ValueError: from a robot that is unknown or down, for another tick, or a second
+                answer.
         """
         robot = drive.robot
-        state = self._states.get(robot)
-        if state is None or self.finished or drive.tick != self.tick or robot in self._next:
+        if drive.tick != self.tick or robot not in self._open:
             raise ValueError(
                 f"unexpected drive of robot {robot} for tick {drive.tick} (the plant is at "
                 f"tick {self.tick} and awaits robots {self.awaited()})"
             )
+        state = self._states[robot]
         if self._recording:
             self._record(robot, state, drive)
         self._next[robot] = reached = self._moved(robot, state, drive)
         if not finite(reached):
             self._blown.append(robot)
-        if len(self._next) == self._count:
+        self._open.discard(robot)
+        if not self._open:
             self._complete()
         return make(Sense, (drive.tick + 1, reached))
+
+    def idle(self) -> None:
+        """Move on to the next tick with somebody up, or with something planned, or to the end."""
+        while not (self.up or self.finished):
+            self._complete()
+            if self.happenings:
+                break
+
+    def lose(self, robot: int) -> int:
+        """``robot`` is gone, unplanned; returns from which tick on: this one unless it answered."""
+        answered = robot not in self._open
+        gone = self.tick + answered
+        self._roster.lose(robot, gone)
+        if answered:
+            self._next_change = min(self._next_change, gone)
+        else:
+            self.up.remove(robot)
+            self._open.discard(robot)
+            if self.up and not self._open:
+                self._complete()
+        return gone
 
     def take_samples(self) -> list[Sample]:
         """Recorded samples since the last call, whole ticks only, in tick and file order."""
         samples, self._samples = self._samples, []
         return samples
 
+    def take_down_rows(self) -> list[LinkRow]:
+        """Fates of messages to robots without a process since the last call."""
+        rows, self._down_rows = self._down_rows, []
+        return rows
+
     def _complete(self) -> None:
+        if len(self._next) < len(self.ids):
+            self._leave_the_others()
         if self._row:
             self._samples.extend(self._row[robot] for robot in self.ids)
             self._row = {}
@@ -97,10 +147,65 @@ class World:
             self.diverged = Diverged(self.t_ns, first)
         if self.tick == self._ticks or self._blown:
             self.finished = True
+            self.happenings = []
             return
         self._states, self._next = self._next, {}
-        self.tick += 1
-        self._recording = self.tick % self._record_every == 0 or self.tick == self._ticks
+        self._enter(self.tick + 1)
+
+    def _enter(self, tick: int) -> None:
+        self.tick = tick
+        self._recording = tick % self._record_every == 0 or tick == self._ticks
+        if tick >= self._next_change:
+            self._change()
+        elif self.happenings:
+            self.happenings = []
+        self._open.update(self.up)
+
+    def _change(self) -> None:
+        planned = self._roster.happenings()
+        self.happenings = [some for some in planned if some.tick == self.tick]
+        self._next_change = min(
+            (some.tick for some in planned if some.tick > self.tick), default=NEVER
+        )
+        self.up = [robot for robot in self.ids if self._roster.up(robot, self.tick)]
+
+    def _leave_the_others(self) -> None:
+        """What happens to robots that are down, and to messages to those without a process."""
+        for robot in self.ids:
+            if robot in self._next:
+                continue
+            state = self._states[robot]
+            if self._recording:
+                torque = 0.0 if self._dynamic and self._on_failure == "coast" else None
+                self._row[robot] = make(Sample, (self.t_ns, robot, *state, torque, torque))
+            self._next[robot] = reached = self._left_alone(robot, state)
+            if not finite(reached):
+                self._blown.append(robot)
+        if self.tick % self._record_every:
+            return
+        for source in self.up:
+            for robot in self._neighbours[source]:
+                if self._roster.killed(robot, self.tick):
+                    row = (
+                        self.t_ns,
+                        None,
+                        source,
+                        robot,
+                        self.tick // self._record_every,
+                        LOST_DOWN,
+                    )
+                    self._down_rows.append(make(LinkRow, row))
+
+    def _left_alone(self, robot: int, state: State) -> State:
+        if self.tick == self._ticks:
+            return state
+        if self._on_failure == "freeze":
+            return make(State, (*state[:3], 0.0, 0.0))
+        if self._on_failure == "brake":
+            return braked(state, self._period_s, self._brake_time_s)
+        if self._dynamic:
+            return driven(self._bodies[robot], state, 0.0, 0.0, self._period_s)
+        return steered(state, state.speed_mps, state.turn_rate_radps, self._period_s)
 
     def _moved(self, robot: int, state: State, drive: Drive) -> State:
         """Where the drive takes the robot; not finite if the drive is not."""

@@ -1,0 +1,168 @@
+"""``kill``, ``restart``, ``pause`` and ``resume``: what happens to robots."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from formation.roster import Span, Verb
+from formation.selectors import RobotId, named
+from netem.streams import stream
+from netem.tables import PositiveSeconds, Seconds, Table, nanoseconds
+from netem.timeline import NEVER
+
+
+class RandomRobots(Table):
+    """``robots = { random = 2 }``: so many of those it can happen to, drawn by the seed."""
+
+    random: Annotated[int, Field(ge=1)]
+
+
+def _kind_of_selector(value: object) -> str:
+    if isinstance(value, str):
+        return "all"
+    if isinstance(value, int):
+        return "one"
+    return "list" if isinstance(value, list) else "random"
+
+
+FaultyRobots = Annotated[
+    Annotated[Literal["*"], Tag("all")]
+    | Annotated[RobotId, Tag("one")]
+    | Annotated[list[RobotId], Field(min_length=1), Tag("list")]
+    | Annotated[RandomRobots, Tag("random")],
+    Discriminator(_kind_of_selector),
+]
+"""Robots by one id, a list of ids, ``"*"`` for all, or a random choice."""
+
+
+class _FaultAction(Table):
+    """What an action on robots begins with: when (the first tick from then on), and which."""
+
+    at_s: Seconds
+    robots: FaultyRobots
+
+    def named_robots(self) -> list[int]:
+        """The robots that are spelt out."""
+        return [] if isinstance(self.robots, RandomRobots) else named(self.robots)
+
+
+class KillAction(_FaultAction):
+    """``action = "kill"``: the robot's process gets SIGKILL before it senses that tick.
+
+    ``restart_after_s`` restarts the same robots that much later.
+    """
+
+    action: Literal["kill"]
+    restart_after_s: PositiveSeconds | None = None
+
+
+class RestartAction(_FaultAction):
+    """``action = "restart"``: a new process that remembers nothing takes part from that tick on."""
+
+    action: Literal["restart"]
+
+
+class PauseAction(_FaultAction):
+    """``action = "pause"``: the process gets SIGSTOP and misses ticks from that one on.
+
+    ``resume_after_s`` resumes the same robots that much later.
+    """
+
+    action: Literal["pause"]
+    resume_after_s: PositiveSeconds | None = None
+
+
+class ResumeAction(_FaultAction):
+    """``action = "resume"``: SIGCONT; the robot takes part again, with what came meanwhile."""
+
+    action: Literal["resume"]
+
+
+FaultAction = KillAction | RestartAction | PauseAction | ResumeAction
+
+
+class FaultError(ValueError):
+    """Action ``index`` of the timeline cannot happen; the text says to whom and why."""
+
+    def __init__(self, index: int, why: str) -> None:
+        self.index = index
+        super().__init__(why)
+
+
+_NEEDS: dict[Verb, tuple[str, ...]] = {
+    "kill": ("up", "paused"), "pause": ("up",), "restart": ("killed",), "resume": ("paused",),
+}  # fmt: skip
+_WORDS = {"up": "is up", "paused": "is paused", "killed": "is dead"}
+
+
+@dataclass
+class _State:
+    now: str = "up"
+    since: int = 0
+    spans: list[Span] = field(default_factory=list)
+
+    def become(self, state: str, tick: int) -> None:
+        if self.now != "up":
+            self.spans.append(Span(self.since, tick, self.now == "killed"))
+        self.now, self.since = state, tick
+
+
+_BECOMES: dict[Verb, str] = {"kill": "killed", "pause": "paused", "restart": "up", "resume": "up"}
+
+
+def spans_of(
+    actions: Iterable[tuple[int, object]], robots: Sequence[int], seed: int, period_ns: int
+) -> dict[int, list[Span]]:
+    """When each robot is down, by the fault actions among ``actions`` (with their indices).
+
+    Actions of one tick happen in the order of the file; one at an instant between ticks
+    happens at the next.
+
+    Raises:
+        FaultError: an action that cannot happen, such as the restart of a robot that lives.
+    """
+    ahead: list[tuple[int, int, int, Verb, FaultyRobots | None]] = []
+    for index, action in actions:
+        if not isinstance(action, FaultAction):
+            continue
+        at_ns = nanoseconds(action.at_s)
+        ahead.append((-(-at_ns // period_ns), index, 0, action.action, action.robots))
+        after_s, verb = None, action.action
+        if isinstance(action, KillAction):
+            after_s, verb = action.restart_after_s, "restart"
+        elif isinstance(action, PauseAction):
+            after_s, verb = action.resume_after_s, "resume"
+        if after_s is not None:
+            end_ns = at_ns + nanoseconds(after_s)
+            ahead.append((-(-end_ns // period_ns), index, 1, verb, None))
+    states = {robot: _State() for robot in robots}
+    chosen: dict[int, list[int]] = {}
+    for tick, index, _, verb, whom in sorted(ahead, key=lambda item: item[:3]):
+        if whom is not None:
+            chosen[index] = _chosen(whom, verb, states, seed, index)
+        for robot in chosen[index]:
+            state = states[robot]
+            if state.now not in _NEEDS[verb]:
+                raise FaultError(index, f"cannot {verb} robot {robot}: it {_WORDS[state.now]} then")
+            reborn = bool(state.spans) and state.spans[-1].killed and state.spans[-1].end == tick
+            if (state.now != "up" and state.since == tick) or reborn:
+                raise FaultError(index, f"cannot {verb} robot {robot} twice at one tick")
+            state.become(_BECOMES[verb], tick)
+    for state in states.values():
+        state.become("up", NEVER)
+    return {robot: state.spans for robot, state in states.items() if state.spans}
+
+
+def _chosen(
+    whom: FaultyRobots, verb: Verb, states: dict[int, _State], seed: int, index: int
+) -> list[int]:
+    if not isinstance(whom, RandomRobots):
+        return list(states) if whom == "*" else list(dict.fromkeys(named(whom)))
+    candidates = [robot for robot, state in states.items() if state.now in _NEEDS[verb]]
+    if len(candidates) < whom.random:
+        raise FaultError(index, f"random = {whom.random}: {verb} can happen to {len(candidates)}")
+    random = stream(seed, "timeline", index, "robots")
+    drawn = sorted((random.random(), robot) for robot in candidates)[: whom.random]
+    return [robot for _, robot in sorted(drawn, key=lambda item: candidates.index(item[1]))]
