@@ -10,7 +10,9 @@ import gc
 import queue
 import sys
 import threading
+import time
 import traceback
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -22,13 +24,16 @@ from formation import bus
 from formation.loading import loads
 from formation.messages import (
     HELLO,
+    KILL,
     PROTOCOL,
     Brief,
     End,
     Envelope,
     Failed,
+    Gone,
     Join,
     Links,
+    Meet,
     Message,
     MessageError,
     Ready,
@@ -38,11 +43,14 @@ from formation.messages import (
     encode,
 )
 from formation.process import on_stop
+from netem.link import IN_FLIGHT, LOST_DOWN
 
 RETRY_S = 0.05
 """How often an unanswered handshake message is repeated."""
 PATIENCE_S = 0.25
 """A robot that waits for neighbours says so within twice this, before the plant complains."""
+CATCH_UP_S = 2.0
+"""How long messages may take that are there already, behind a robot's back, when it ends."""
 _FLUSH_ROWS = 200
 
 
@@ -67,7 +75,7 @@ class RobotProcess:
 
     def stop(self, reason: str = "stopped") -> None:
         """End the process soon; callable from any thread and from signal handlers."""
-        self._inbox.put(End(self._id, reason))
+        self._inbox.put(End(self._id, reason, -1))
 
     def run(self) -> int:
         """Take part until the end; returns the exit code (0, or 3 if the robot failed)."""
@@ -81,7 +89,8 @@ class RobotProcess:
             return 3
         scenario = loads(brief.scenario, "brief")
         try:
-            robot = Robot(scenario, self._id, run=self._run, law=make(scenario, self._id))
+            law = make(scenario, self._id)
+            robot = Robot(scenario, self._id, run=self._run, law=law, first_tick=brief.tick)
         except Exception as error:  # a plug-in's constructor may raise anything
             return self._fail(error)
         gc.freeze()  # what start-up has made stays; do not scan it again and again
@@ -93,12 +102,17 @@ class RobotProcess:
             )
             for neighbour in robot.neighbours
         ]
-        end = self._meet(robot) or self._attend(robot)
+        end = self._meet(Meet(brief.tick, brief.neighbours)) or self._attend(robot)
+        if isinstance(end, End):
+            self._catch_up(robot, end.tick)
         with self._lock:
-            self._flush(robot, last=True)
+            doomed = isinstance(end, End) and end.reason == KILL
+            self._flush(robot, last=LOST_DOWN if doomed else IN_FLIGHT)
         if isinstance(end, Failed):
             return 3
-        self._send(End(self._id, end.reason))
+        self._send(End(self._id, end.reason, end.tick))
+        if doomed:
+            self._until_told(End)
         return 0
 
     # --- the main thread -----------------------------------------------------------
@@ -114,25 +128,53 @@ class RobotProcess:
             if isinstance(message, kind | End):
                 return message
 
-    def _meet(self, robot: Robot) -> End | None:
-        """Say hello until every neighbour was heard and the first tick has come.
+    def _catch_up(self, robot: Robot, tick: int) -> None:
+        """Take in what was sent up to ``tick``: one that was paused has not yet."""
+        deadline = time.monotonic() + CATCH_UP_S
+        while time.monotonic() < deadline:
+            with self._lock:
+                if not robot.lacking(tick):
+                    return
+            with suppress(queue.Empty):
+                self._inbox.get(timeout=0.01)
+
+    def _until_told(self, kind: type[Message]) -> None:
+        while not isinstance(self._inbox.get(), kind):
+            pass
+
+    def _meet(self, meeting: Meet) -> Any:
+        """Say hello until all of ``meeting`` were heard and the next tick has come.
 
         A message put before its subscriber is known is lost silently, so every
-        path of the run is proven by a message that has come through it.
+        path of the run is proven by a message that has come through it. Returns the end, if
+        that comes first.
         """
         hello = Envelope(self._id, -1, HELLO).pack()
         assert self._broadcast is not None
         while not self._started.is_set():
             self._broadcast.put(b"", attachment=hello)
-            if self._heard.issuperset(robot.neighbours):
-                self._send(Ready(self._id))
+            if self._heard.issuperset(meeting.neighbours):
+                self._send(Ready(self._id, meeting.tick))
             try:
                 message = self._inbox.get(timeout=RETRY_S)
             except queue.Empty:
                 continue
-            if isinstance(message, End):
+            if isinstance(message, End | Failed):
                 return message
+            if isinstance(message, Gone):
+                self._lose(message)
         return None
+
+    def _lose(self, gone: Gone) -> None:
+        """Go on without a robot."""
+        assert self._robot is not None
+        try:
+            with self._lock:
+                drive = self._robot.on_loss(gone.robot, gone.tick)
+                if drive is not None:
+                    self._to_plant.put(encode(drive))
+        except LawFailed as error:
+            self._fail(error)
 
     def _attend(self, robot: Robot) -> Any:
         """Wait for the end; meanwhile say for whom the robot waits, if it does."""
@@ -149,10 +191,21 @@ class RobotProcess:
                 continue
             if isinstance(message, End | Failed):
                 return message
+            if isinstance(message, Gone):
+                self._lose(message)
+            elif isinstance(message, Meet):
+                self._heard.difference_update(message.neighbours)
+                self._started.clear()
+                end = self._meet(message)
+                if end is not None:
+                    return end
 
-    def _flush(self, robot: Robot, *, last: bool = False) -> None:
-        """Report fates and refusals; the caller holds the lock."""
-        rows = robot.take_last_link_rows() if last else robot.take_link_rows()
+    def _flush(self, robot: Robot, *, last: str | None = None) -> None:
+        """Report fates and refusals; the caller holds the lock.
+
+        ``last`` is what becomes of what is still in flight.
+        """
+        rows = robot.take_link_rows() if last is None else robot.take_last_link_rows(last)
         rejections = robot.take_rejections()
         for start in range(0, len(rows), _FLUSH_ROWS):
             self._send(Links(self._id, rows[start : start + _FLUSH_ROWS]))
@@ -176,9 +229,9 @@ class RobotProcess:
         robot, broadcast = self._robot, self._broadcast
         if robot is None or broadcast is None:
             return
-        if not message.tick and not self._started.is_set():
+        if not self._started.is_set():
             self._started.set()
-            self._inbox.put(Ready(self._id))  # wakes the handshake
+            self._inbox.put(Ready(self._id, message.tick))  # wakes the handshake
         try:
             with self._lock:
                 outgoing, drive = robot.on_sense(message)

@@ -163,9 +163,10 @@ class Robot:
 
     def awaited(self) -> list[int]:
         """The neighbours whose broadcast the pending tick still lacks, ascending."""
-        if self._pending is None:
-            return []
-        tick = self._pending.tick
+        return [] if self._pending is None else self.lacking(self._pending.tick)
+
+    def lacking(self, tick: int) -> list[int]:
+        """The neighbours whose broadcast up to ``tick`` has not all come, ascending."""
         return [source for source in self.neighbours if self._lacks(source, tick)]
 
     def on_loss(self, robot: int, tick: int) -> Drive | None:

@@ -88,6 +88,8 @@ def session(*, connect: str | None = None, listen: str | None = None) -> Iterato
         # One class of traffic and no batching layer: halves the cost of a lockstep tick.
         "transport": {
             "unicast": {"lowlatency": True, "qos": {"enabled": False}},
+            # A paused process must not count as gone; the plant has its own patience.
+            "link": {"tx": {"lease": 3_600_000}},
             "shared_memory": {"enabled": False},
         },
     }  # fmt: skip

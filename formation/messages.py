@@ -20,7 +20,7 @@ from mypy_extensions import mypyc_attr
 
 from formation.record import LinkRow
 
-PROTOCOL: Final = 1
+PROTOCOL: Final = 2
 """Version of the messages; a robot and a plant must agree on it."""
 
 
@@ -140,15 +140,38 @@ class Join(NamedTuple):
 
 
 class Brief(NamedTuple):
-    """Plant to robot: the scenario (TOML text) to take part in."""
+    """Plant to robot: the scenario (TOML text) to take part in, from ``tick`` on.
+
+    ``neighbours`` are those to meet first (see :class:`Meet`).
+    """
 
     scenario: str
+    tick: int
+    neighbours: list[int]
+
+
+class Meet(NamedTuple):
+    """Plant to robot: these neighbours take part from ``tick`` on; say hello until you hear them.
+
+    Until the next ``Sense``, for they have to hear you too.
+    """
+
+    tick: int
+    neighbours: list[int]
 
 
 class Ready(NamedTuple):
-    """Robot to plant: I hear all my neighbours; repeated until the first tick."""
+    """Robot to plant: I hear all whom I had to meet before ``tick``; repeated until then."""
 
     robot: int
+    tick: int
+
+
+class Gone(NamedTuple):
+    """Plant to robot: ``robot`` is gone, unplanned, from ``tick`` on."""
+
+    robot: int
+    tick: int
 
 
 class Sense(NamedTuple):
@@ -203,16 +226,25 @@ class Failed(NamedTuple):
 
 
 class End(NamedTuple):
-    """Plant to robot: the run is over; robot to plant: I have said all I had to say."""
+    """Plant to robot: it is over for you; robot to plant: I have said all I had to say.
+
+    ``tick`` is the last one whose broadcasts were all sent.
+    """
 
     robot: int
     reason: str
+    tick: int
 
 
-Message = Join | Brief | Ready | Sense | Drive | Waiting | Links | Rejected | Failed | End
+KILL: Final = "kill"
+"""The reason of an End for a robot that is to be killed: it says its last and waits for that."""
+
+Message = (
+    Join | Brief | Meet | Ready | Gone | Sense | Drive | Waiting | Links | Rejected | Failed | End
+)
 
 _KINDS: Final[tuple[type[Message], ...]] = (
-    Join, Brief, Ready, Waiting, Links, Rejected, Failed, End,
+    Join, Brief, Ready, Waiting, Links, Rejected, Failed, End, Meet, Gone,
 )  # fmt: skip
 _TAGS: Final = {kind: tag for tag, kind in enumerate(_KINDS)}
 _FIELD_TYPES: Final = {
@@ -271,8 +303,8 @@ def _decode_rare(data: bytes) -> Message:
     kind: Any = _KINDS[fields[0]]
     if [type(value) for value in fields[1:]] != _FIELD_TYPES[kind]:
         raise MessageError(f"malformed: {kind.__name__}")
-    if kind is Waiting and any(type(robot) is not int for robot in fields[3]):
-        raise MessageError("malformed: Waiting")
+    if kind in (Waiting, Brief, Meet) and any(type(robot) is not int for robot in fields[-1]):
+        raise MessageError(f"malformed: {kind.__name__}")
     if kind is Links:
         fields[2] = [_link_row(row) for row in fields[2]]
     message: Message = kind(*fields[1:])

@@ -61,7 +61,7 @@ class Roster:
 
     def last_up(self, robot: int, tick: int, every: int) -> int:
         """The last multiple of ``every`` up to ``tick`` at which ``robot`` is up; -1: none is."""
-        tick -= tick % every
+        tick -= tick % every  # -1 becomes -every
         while tick >= 0:
             span = self.span(robot, tick)
             if span is None:

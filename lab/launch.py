@@ -2,20 +2,24 @@
 
 Every child is started anew (never forked), with its standard input as a leash:
 when this process closes it, or dies, the child ends. The plant's record stream
-comes through a pipe, so all that was sent before a death can still be read.
+comes through a pipe, so all that was sent before a death can still be read; what it
+says befalls robots (kill, restart, pause, resume) is done to their processes here.
 """
 
+import queue
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from formation.bus import LOOPBACK
-from formation.record import Outcome, Samples, Sink, read
+from formation.record import Event, Outcome, Samples, Sink, read
 from formation.scenario import Scenario
 
 GRACE_S = 1.5
@@ -40,19 +44,16 @@ class Launch:
         self._blame: Outcome | None = None  # what the launcher saw and the plant cannot
         self._t_ns = 0
         self._kill_at: float | None = None  # set once the run is being stopped
+        self._todo: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._written_off: set[int] = set()  # killed as planned, or lost: no cause for alarm
+        self._lives: Counter[int] = Counter()
+        self._common = common = ["--run", name, "--leash"]
         logs.mkdir(parents=True, exist_ok=True)
-        endpoint = f"tcp/{LOOPBACK}:{free_port()}"
-        common = ["--run", name, "--leash"]
+        self._endpoint = endpoint = f"tcp/{LOOPBACK}:{free_port()}"
         self.plant = self._spawn(
             "plant", ["plant", str(scenario_file), "--listen", endpoint, "--record", "-", *common]
         )
-        self.robots = {
-            robot: self._spawn(
-                f"robot-{robot}",
-                ["agent", "--robot", str(robot), "--connect", endpoint, *common],
-            )
-            for robot in scenario.ids
-        }
+        self.robots = {robot: self._spawn_robot(robot) for robot in scenario.ids}
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -66,7 +67,7 @@ class Launch:
         dead_since: float | None = None
         try:
             while self._reader.is_alive():
-                self._reader.join(0.1)
+                self._do_next()
                 now = time.monotonic()
                 if self._kill_at is not None:
                     if now > self._kill_at:
@@ -100,6 +101,40 @@ class Launch:
             elif isinstance(record, Samples) and record.rows:
                 self._t_ns = record.rows[-1].t_ns
             self._sink(record)
+            if isinstance(record, Event):
+                self._todo.put(record)
+        self._todo.put(None)
+
+    def _do_next(self) -> None:
+        """Do to robots' processes what the plant says has happened, within 0.1 s."""
+        try:
+            event = self._todo.get(timeout=0.1)
+        except queue.Empty:
+            return
+        if event is None:
+            self._reader.join()
+            return
+        robots = event.details.get("robots", [event.details.get("robot")])
+        if event.kind in ("kill", "lost"):
+            self._written_off.update(robots)
+            for robot in robots:
+                self.robots[robot].kill()
+        elif event.kind == "restart":
+            for robot in robots:
+                self.robots[robot].wait()
+                self._lives[robot] += 1
+                self.robots[robot] = self._spawn_robot(robot)
+            self._written_off.difference_update(robots)
+        elif event.kind == "pause":
+            self._signal(robots, signal.SIGSTOP)
+        elif event.kind == "resume":
+            self._signal(robots, signal.SIGCONT)
+        elif event.kind == "ended":
+            self._signal(self.robots, signal.SIGCONT)  # for their last reports
+
+    def _signal(self, robots: Iterable[int], number: int) -> None:
+        for robot in robots:
+            self.robots[robot].send_signal(number)  # not to one that has ended
 
     def _stop(self) -> None:
         """Let go of the plant's leash: it tells the robots, reports and ends."""
@@ -107,17 +142,29 @@ class Launch:
         _release(self.plant)
 
     def _dead_robots(self) -> list[int]:
-        return [robot for robot, child in self.robots.items() if child.poll() not in (None, 0)]
+        return [
+            robot
+            for robot, child in self.robots.items()
+            if robot not in self._written_off and child.poll() not in (None, 0)
+        ]
 
     def _failure(self, robot: int) -> Outcome:
         code = self.robots[robot].returncode
-        words = self._last_words(f"robot-{robot}")
+        words = self._last_words(self._log_of(robot))
         return Outcome("failed", self._t_ns, robot, f"exited with code {code}{words}")
 
     def _last_words(self, name: str) -> str:
         text = (self._logs / f"{name}.log").read_text(encoding="utf-8", errors="replace")
         lines = text.strip().splitlines()
         return f": {lines[-1]}" if lines else ""
+
+    def _spawn_robot(self, robot: int) -> Child:
+        arguments = ["agent", "--robot", str(robot), "--connect", self._endpoint, *self._common]
+        return self._spawn(self._log_of(robot), arguments)
+
+    def _log_of(self, robot: int) -> str:
+        life = self._lives[robot]
+        return f"robot-{robot}" + (f"-life-{life}" if life else "")
 
     def _spawn(self, name: str, arguments: list[str]) -> Child:
         with (self._logs / f"{name}.log").open("wb") as log:

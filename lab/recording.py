@@ -101,7 +101,8 @@ class Recording:
         self.link_rows: list[LinkRow] = []
         self.events: list[Event] = []
         self.outcome: Outcome | None = None
-        self._ahead = deque(scenario.plan)
+        # What befalls robots the plant reports itself.
+        self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
         (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
         self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
 

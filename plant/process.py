@@ -13,22 +13,25 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import zenoh
 
 from formation import bus
 from formation.loading import dumps
 from formation.messages import (
+    KILL,
     PROTOCOL,
     Brief,
     Drive,
     End,
     Failed,
+    Gone,
     Join,
     Links,
+    Meet,
     Message,
     Ready,
     Rejected,
@@ -46,6 +49,8 @@ FAREWELL_S = 10.0
 """How long a silence is taken for slowness while robots hand in their last reports."""
 HASTY_FAREWELL_S = 0.5
 """The same when the user has asked to stop."""
+START_PATIENCE_S = 30.0
+"""How long a restarted robot may take to be there, at least."""
 _FLUSH_TICKS = 100
 
 
@@ -57,9 +62,10 @@ class _Ended(Exception):
 
 
 class _Patience:
-    """Runs out each time that nothing has changed for PATIENCE_S."""
+    """Runs out each time that nothing has changed for ``seconds``."""
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float = PATIENCE_S) -> None:
+        self._seconds = seconds
         self._mark: object = None
         self._since = time.monotonic()
 
@@ -68,10 +74,23 @@ class _Patience:
         now = time.monotonic()
         if mark != self._mark:
             self._mark, self._since = mark, now
-        if now - self._since < PATIENCE_S:
+        if now - self._since < self._seconds:
             return False
         self._since = now
         return True
+
+
+_VANISHED = "its process is gone"
+
+
+class _Turn(NamedTuple):
+    """For the main thread: something is planned for this tick, or nobody is up."""
+
+
+class _Vanished(NamedTuple):
+    """For the main thread: the connection of ``robot`` has ended."""
+
+    robot: int
 
 
 class PlantProcess:
@@ -81,9 +100,14 @@ class PlantProcess:
         self._scenario = scenario
         self._sink = sink
         self._world = World(scenario)
-        self._inbox: queue.SimpleQueue[Message | Record] = queue.SimpleQueue()
-        self._joined: set[int] = set()
-        self._lost: set[int] = set()
+        self._inbox: queue.SimpleQueue[Message | Record | _Turn | _Vanished] = queue.SimpleQueue()
+        self._brief = dumps(scenario)
+        self._joined: set[int] = set()  # who has a process that takes part
+        self._connected: set[int] = set()  # by liveliness
+        self._gone: list[Gone] = []  # who was lost, unplanned
+        self._paused: set[int] = set()
+        self._ready: set[int] = set()  # who has met whom it had to meet before this tick
+        self._begun = -1  # the tick whose senses were sent last
         self._lock = threading.Lock()  # guards the world and what follows
         self._running = False
         self._refused: Counter[tuple[int, str]] = Counter()
@@ -91,7 +115,7 @@ class PlantProcess:
         self._to_robots = {
             robot: bus.publisher(session, keys.to_robot(robot)) for robot in scenario.ids
         }
-        self._puts = [(robot, publisher.put) for robot, publisher in self._to_robots.items()]
+        self._puts: list[tuple[int, Callable[[bytes], None]]] = []  # to those who are up
         self._prepared: dict[int, bytes] = {}  # each robot's next sense, as soon as it is known
         self._subscriptions: list[Any] = [
             session.liveliness().declare_token(keys.plant_alive),
@@ -112,8 +136,7 @@ class PlantProcess:
             self._sink(Event("started", 0, {"robots": self._scenario.ids}))
             gc.freeze()  # what start-up has made stays; do not scan it again and again
             self._running = True
-            for robot, sense in self._world.senses():
-                self._tell(robot, sense)
+            self._turn()
             self._attend()
         except _Ended as end:
             outcome = end.outcome
@@ -122,6 +145,7 @@ class PlantProcess:
         self._sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
         self._farewell(outcome)
         self._sink(Samples(self._world.take_samples()))
+        self._sink(LinkRows(self._world.take_down_rows()))
         self._sink(outcome)
         return outcome
 
@@ -129,7 +153,6 @@ class PlantProcess:
 
     def _gather(self) -> None:
         """Brief every robot and wait until all of them hear their neighbours."""
-        brief = Brief(dumps(self._scenario))
         joined = self._joined
         ready: set[int] = set()
         everyone = set(self._scenario.ids)
@@ -146,28 +169,174 @@ class PlantProcess:
                     raise _Ended(self._mismatch(message))
                 if message.robot not in joined:
                     joined.add(message.robot)
-                    self._tell(message.robot, brief)
+                    met = self._scenario.neighbours_of[message.robot]
+                    self._tell(message.robot, Brief(self._brief, 0, met))
             elif isinstance(message, Ready):
                 ready.add(message.robot)
+            elif isinstance(message, _Vanished):
+                raise _Ended(self._outcome("lost", message.robot, _VANISHED))
             elif message is not None:
                 self._handle(message)
 
     def _attend(self) -> None:
-        """Record what comes in until the run ends (by raising); complain while nothing moves."""
+        """Record what comes in until the run ends (by raising).
+
+        While nothing moves, complain, and in the end go on without those who do not answer.
+        """
+        world = self._world
         blocked: dict[int, int] = {}  # robot: the tick at which it last said that it waits
-        patience = _Patience()
+        patience, last_patience = _Patience(), _Patience(self._scenario.run.patience_s)
         while True:
-            if patience.lost(self._world.tick):
-                tick = self._world.tick
-                waiting = {robot for robot, at in blocked.items() if at == tick}
-                self._complain("answer", self._world.awaited(), waiting)
+            tick, awaited = world.tick, world.awaited()
+            waiting = {robot for robot in awaited if blocked.get(robot) == tick}
+            if patience.lost(tick):
+                self._complain("answer", awaited, waiting)
+            if last_patience.lost((tick, awaited)):
+                why = f"did not answer for {self._scenario.run.patience_s:g} s"
+                for robot in [r for r in awaited if r not in waiting] or awaited:
+                    self._lose(robot, why)
+                blocked.clear()
             message = self._next()
             if isinstance(message, Waiting):
                 blocked[message.robot] = message.tick
+            elif isinstance(message, _Turn):
+                self._turn()
             elif message is not None:
                 self._handle(message)
 
-    def _next(self) -> Message | Record | None:
+    # --- robots that fail --------------------------------------------------------------
+
+    def _turn(self) -> None:
+        """See to what is planned for this tick, and begin it. Time stands still meanwhile."""
+        world = self._world
+        if world.tick <= self._begun and world.up and not world.finished:
+            return  # it has begun already
+        while not world.finished:
+            restarted: list[int] = []
+            for _, verb, robots in world.happenings if world.tick > self._begun else []:
+                if verb == "kill":
+                    self._dismiss(robots)
+                self._sink(Event(verb, world.t_ns, {"robots": robots}))
+                if verb == "kill":
+                    self._paused.difference_update(robots)
+                    self._wait("die", robots, self._is_dead, dying=True)
+                elif verb == "restart":
+                    restarted = robots
+                elif verb == "pause":
+                    self._paused.update(robots)
+                else:
+                    self._paused.difference_update(robots)
+            if restarted:
+                self._welcome(restarted)
+            if world.up:
+                break
+            world.idle()
+        self._begin_tick()
+
+    def _is_dead(self, robot: int) -> bool:
+        return robot not in self._connected
+
+    def _has_joined(self, robot: int) -> bool:
+        return robot in self._joined
+
+    def _has_left(self, robot: int) -> bool:
+        return robot not in self._joined
+
+    def _is_ready(self, robot: int) -> bool:
+        return robot in self._ready
+
+    def _begin_tick(self) -> None:
+        """Send the senses of this tick, or end the run after the last."""
+        with self._lock:
+            if self._world.finished:
+                self._inbox.put(self._completed())
+                return
+            self._begun = self._world.tick
+            up = self._world.up
+            self._puts = [(robot, self._to_robots[robot].put) for robot in up]
+            for robot, sense in self._world.senses():
+                self._tell(robot, sense)
+
+    def _dismiss(self, robots: list[int]) -> None:
+        """Have robots that are to be killed hand in their last reports."""
+        stopped = [robot for robot in robots if robot in self._paused]
+        if stopped:  # to say their last they have to run
+            self._sink(Event("resume", self._world.t_ns, {"robots": stopped}))
+        leaving = [robot for robot in robots if robot in self._joined]
+        for robot in leaving:
+            self._tell(robot, End(robot, KILL, self._world.tick - 1))
+        self._wait("say its last", leaving, self._has_left, dying=True)
+        self._joined.difference_update(robots)
+
+    def _welcome(self, restarted: list[int]) -> None:
+        """Brief new processes, and have them and their neighbours meet."""
+        world, neighbours = self._world, self._scenario.neighbours_of
+        self._ready.clear()
+        self._wait("join", restarted, self._has_joined, least_s=START_PATIENCE_S)
+        here = [robot for robot in world.up if robot in self._joined]
+        meeting: list[int] = []
+        for robot in here:
+            new = robot in restarted
+            met = [r for r in neighbours[robot] if r in here and (new or r in restarted)]
+            if new:
+                self._tell(robot, Brief(self._brief, world.tick, met))
+                for gone in self._gone:
+                    self._tell(robot, gone)
+            elif met:
+                self._tell(robot, Meet(world.tick, met))
+            if new or met:
+                meeting.append(robot)
+        self._wait("meet its neighbours", meeting, self._is_ready, least_s=START_PATIENCE_S)
+
+    def _wait(
+        self, what: str, robots: list[int], done: Callable[[int], bool],
+        *, least_s: float = 0.0, dying: bool = False,
+    ) -> None:  # fmt: skip
+        """Until ``done`` says yes of all ``robots``.
+
+        Who takes too long is lost, unless it is ``dying`` anyway.
+        """
+        patience = _Patience()
+        last_patience = _Patience(max(least_s, self._scenario.run.patience_s))
+        while True:
+            left = [r for r in robots if not done(r) and (dying or r in self._world.up)]
+            if not left:
+                return
+            if patience.lost(left):
+                self._complain(what, left, set())
+            if last_patience.lost(left):
+                if dying:
+                    return
+                for robot in left:
+                    self._lose(robot, f"did not {what} in time")
+            message = self._next()
+            if isinstance(message, Join) and message.robot in robots:
+                self._joined.add(message.robot)
+            elif isinstance(message, Ready):
+                if message.tick == self._world.tick:
+                    self._ready.add(message.robot)
+            elif isinstance(message, End) or (dying and isinstance(message, _Vanished)):
+                self._joined.discard(message.robot)
+            elif message is not None:
+                self._handle(message)
+
+    def _lose(self, robot: int, why: str) -> None:
+        """Go on without ``robot``, or end the run."""
+        world = self._world
+        if self._scenario.run.on_unscheduled_loss == "abort":
+            raise _Ended(self._outcome("lost", robot, why))
+        with self._lock:
+            tick, t_ns = world.tick, world.t_ns
+            gone = Gone(robot, world.lose(robot))
+        self._joined.discard(robot)
+        self._gone.append(gone)
+        self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": gone.tick}))
+        for other in self._joined:
+            self._tell(other, gone)
+        if world.finished or world.tick > tick or not world.up:
+            self._inbox.put(_Turn())
+
+    def _next(self) -> Message | Record | _Turn | _Vanished | None:
         with suppress(queue.Empty):
             return self._inbox.get(timeout=PATIENCE_S / 4)
         return None
@@ -185,11 +354,13 @@ class PlantProcess:
         culprits = [robot for robot in awaited if robot not in blocked] or awaited
         self._sink(Event("waiting", self._world.t_ns, {"for": what, "robots": culprits}))
 
-    def _handle(self, message: Message | Record) -> None:
+    def _handle(self, message: Message | Record | _Turn | _Vanished) -> None:
         """Anything but the hot path. Raises _Ended when it ends the run."""
         if isinstance(message, Outcome):
             raise _Ended(message)
-        if isinstance(message, Samples | Event):
+        if isinstance(message, _Vanished) and message.robot in self._joined:
+            self._lose(message.robot, _VANISHED)
+        if isinstance(message, Samples | LinkRows | Event):
             self._sink(message)
         elif isinstance(message, Links):
             self._sink(LinkRows(message.rows))
@@ -211,15 +382,15 @@ class PlantProcess:
 
     def _farewell(self, outcome: Outcome) -> None:
         """Tell every robot that it is over, and take their last reports."""
-        leaving = self._joined - self._lost
+        leaving = set(self._joined)
         if outcome.kind == "failed" and outcome.robot is not None:
             leaving.discard(outcome.robot)
         for robot in leaving:
-            self._tell(robot, End(robot, outcome.kind))
+            self._tell(robot, End(robot, outcome.kind, self._world.tick - 1))
         hasty = outcome.kind == "interrupted"
         while leaving:
             patience_s = HASTY_FAREWELL_S if hasty else FAREWELL_S
-            if leaving <= self._lost:  # gone, but what they said last may still be on its way
+            if not leaving & self._connected:  # what they said last may still be on its way
                 patience_s = HASTY_FAREWELL_S
             try:
                 message = self._inbox.get(timeout=patience_s)
@@ -231,12 +402,18 @@ class PlantProcess:
                 leaving.discard(message.robot)
             elif isinstance(message, Outcome):
                 hasty = hasty or message.kind == "interrupted"
-            else:
+            elif not isinstance(message, _Turn | _Vanished):
                 with suppress(_Ended):
                     self._handle(message)
 
     def _tell(self, robot: int, message: Message) -> None:
         self._to_robots[robot].put(encode(message))
+
+    def _completed(self) -> Outcome:
+        diverged = self._world.diverged
+        if diverged is None:
+            return self._outcome("completed", None, "")
+        return self._outcome("diverged", diverged.robot, DIVERGED)
 
     def _outcome(self, kind: str, robot: int | None, reason: str) -> Outcome:
         return Outcome(kind, self._world.t_ns, robot, reason)
@@ -269,17 +446,17 @@ class PlantProcess:
             return
         if world.finished:
             self._running = False
-            diverged = world.diverged
-            self._inbox.put(
-                self._outcome("completed", None, "")
-                if diverged is None
-                else self._outcome("diverged", diverged.robot, DIVERGED)
-            )
+            self._inbox.put(self._completed())
         elif world.tick > drive.tick:
-            for robot, put in self._puts:
-                put(self._prepared[robot])
+            if world.changed:
+                self._inbox.put(_Turn())
+            else:
+                self._begun = world.tick
+                for robot, put in self._puts:
+                    put(self._prepared[robot])
             if world.tick % _FLUSH_TICKS == 0:
                 self._inbox.put(Samples(world.take_samples()))
+                self._inbox.put(LinkRows(world.take_down_rows()))
 
     def _refuse(self, robot: int, reason: str) -> None:
         """Count a bad message; report it at the first and then at every doubling."""
@@ -290,10 +467,12 @@ class PlantProcess:
             self._inbox.put(Event("rejected", self._world.t_ns, details))
 
     def _on_robot_liveliness(self, sample: zenoh.Sample) -> None:
+        robot = bus.last_number(sample.key_expr)
         if sample.kind == zenoh.SampleKind.DELETE:
-            robot = bus.last_number(sample.key_expr)
-            self._lost.add(robot)
-            self._inbox.put(self._outcome("lost", robot, "its process is gone"))
+            self._connected.discard(robot)
+            self._inbox.put(_Vanished(robot))
+        else:
+            self._connected.add(robot)
 
 
 def main(

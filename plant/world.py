@@ -35,6 +35,7 @@ class World:
         tick: the current one.
         up: the robots that take part in it, in the order of the file.
         finished: whether the last tick is complete.
+        changed: whether ``up`` is not what it was at the tick before.
         happenings: what is planned for this tick; the shell sees to it before it sends senses.
     """
 
@@ -49,6 +50,7 @@ class World:
         self._brake_time_s = scenario.plant.brake_time_s
         self._down_rows: list[LinkRow] = []
         self.up: list[int] = []
+        self.changed = True
         self.happenings: list[Happening] = []
         self._open: set[int] = set()  # who has not answered yet
         self._next_change = 0  # the next tick at which somebody goes down or comes back
@@ -155,7 +157,8 @@ class World:
     def _enter(self, tick: int) -> None:
         self.tick = tick
         self._recording = tick % self._record_every == 0 or tick == self._ticks
-        if tick >= self._next_change:
+        self.changed = tick >= self._next_change
+        if self.changed:
             self._change()
         elif self.happenings:
             self.happenings = []
