@@ -30,7 +30,7 @@ def draw(recording: Recording, folder: Path) -> None:
         figures |= {
             "paths": paths(scenario, trajectories),
             "headings": headings(scenario, trajectories),
-            "errors": errors(scenario, trajectories),
+            "errors": errors(recording),
         }
     for name, figure in figures.items():
         for kind in ("png", "svg"):
@@ -89,13 +89,18 @@ def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
     return figure
 
 
-def errors(scenario: Scenario, trajectories: Trajectories) -> Figure:
-    """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged."""
+def errors(recording: Recording) -> Figure:
+    """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged.
+
+    Those of the robots that are up at the end, as in the verdict.
+    """
+    scenario, trajectories = recording.scenario, recording.trajectories
+    judged = recording.up_at(int(trajectories.t_ns[-1]))
     figure = blank(9.0, 4.6)
     axes = figure.subplots()
     tolerances = tolerances_of(scenario.expect or Expect())
     for (claim, series), colour in zip(
-        by_claim(error_series(scenario, trajectories)).items(), COLOURS, strict=False
+        by_claim(error_series(scenario, trajectories, judged)).items(), COLOURS, strict=False
     ):
         axes.semilogy(
             trajectories.t_s, np.maximum(series, 1e-16), color=colour, label=_LABELS[claim]

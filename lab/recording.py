@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from formation.loading import dumps
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
+from formation.roster import Roster
 from formation.scenario import Scenario
 from netem.tables import nanoseconds
 
@@ -83,44 +84,26 @@ def trajectory_sha256(samples: list[Sample]) -> str:
     return hashlib.sha256(rows.tobytes()).hexdigest()
 
 
-class Recording:
-    """Collects a run's records; a sink. Events go to disk at once, tables with :meth:`save`.
+class Collected:
+    """A run's records in memory; a sink."""
 
-    Raises:
-        RunExists: ``folder`` exists and is not empty.
-        OSError: ``folder`` cannot be made.
-    """
-
-    def __init__(self, folder: Path, scenario: Scenario) -> None:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise RunExists(f"{folder} exists already; a run is never overwritten")
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+    def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.samples: list[Sample] = []
         self.link_rows: list[LinkRow] = []
         self.events: list[Event] = []
         self.outcome: Outcome | None = None
-        # What befalls robots the plant reports itself.
-        self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
-        (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
-        self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
 
     def __call__(self, record: Record) -> None:
         """Take one record."""
         if isinstance(record, Samples):
             self.samples.extend(record.rows)
-            self._note_plan(record.rows[-1].t_ns if record.rows else 0)
         elif isinstance(record, LinkRows):
             self.link_rows.extend(record.rows)
         elif isinstance(record, Event):
             self.events.append(record)
-            self._write_event(record.kind, record.t_ns, record.details)
         else:
             self.outcome = record
-            self._write_event(
-                record.kind, record.t_ns, {"robot": record.robot, "reason": record.reason}
-            )
 
     @property
     def trajectories(self) -> Trajectories:
@@ -131,6 +114,51 @@ class Recording:
         """The newest sample of every robot alone (empty if there is none)."""
         robots = len(self.scenario.robots)
         return Trajectories(self.samples[-robots:], robots)
+
+    def roster(self) -> Roster:
+        """Who was down when: as planned, and as it came."""
+        roster = self.scenario.roster()
+        for event in self.events:
+            if event.kind == "lost":
+                roster.lose(event.details["robot"], event.details["tick"])
+        return roster
+
+    def up_at(self, t_ns: int) -> list[int]:
+        """The robots that take part at an instant, in the scenario's order."""
+        tick, roster = t_ns // self.scenario.clock.control_period_ns, self.roster()
+        return [robot for robot in self.scenario.ids if roster.up(robot, tick)]
+
+
+class Recording(Collected):
+    """Collects a run's records; a sink. Events go to disk at once, tables with :meth:`save`.
+
+    Raises:
+        RunExists: ``folder`` exists and is not empty.
+        OSError: ``folder`` cannot be made.
+    """
+
+    def __init__(self, folder: Path, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise RunExists(f"{folder} exists already; a run is never overwritten")
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        # What befalls robots the plant reports itself.
+        self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
+        (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
+        self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
+
+    def __call__(self, record: Record) -> None:
+        """Take one record."""
+        super().__call__(record)
+        if isinstance(record, Samples):
+            self._note_plan(record.rows[-1].t_ns if record.rows else 0)
+        elif isinstance(record, Event):
+            self._write_event(record.kind, record.t_ns, record.details)
+        elif isinstance(record, Outcome):
+            self._write_event(
+                record.kind, record.t_ns, {"robot": record.robot, "reason": record.reason}
+            )
 
     def save(self) -> None:
         """Write the tables; every row recorded so far is kept."""

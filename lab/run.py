@@ -151,6 +151,17 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
             f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} "
             + escape(outcome["reason"])
         )
+    robots = judged["robots"]
+    for lost in robots["lost"]:
+        console.print(
+            f"[red]lost[/] at t = {lost['t_s']:.3f} s: robot {lost['robot']}: "
+            + escape(lost["reason"])
+        )
+    if robots["down_at_the_end"]:
+        console.print(
+            f"judged without robot {', '.join(map(str, robots['down_at_the_end']))}, "
+            "which was down at the end"
+        )
     for item in judged["messages"]["rejected"]:
         console.print(
             f"[yellow]rejected:[/] robot {item['robot']} refused {item['times']} message(s) "
@@ -221,7 +232,8 @@ class _Watch:
         if self._started is None or not len(latest.t_s):
             return
         t_s = float(latest.t_s[-1])
-        found = verdict.error_series(self._recording.scenario, latest)
+        up = self._recording.up_at(int(latest.t_ns[-1]))
+        found = verdict.error_series(self._recording.scenario, latest, up)
         speed = t_s / max(self.wall_s, 1e-9)
         errors = " ".join(
             f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items()

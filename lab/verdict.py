@@ -1,7 +1,7 @@
 """The verdict on a run: errors of Eqs. 3-5, when they settled, and whether each claim held."""
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -12,23 +12,25 @@ from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
 from lab.build import compiled
-from lab.recording import Recording, Trajectories, trajectory_sha256
+from lab.recording import Collected, Trajectories, trajectory_sha256
 from netem.statistics import Fate, summarise
 from netem.tables import nanoseconds
 
 
-def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
+def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
     """The contents of ``verdict.json`` (numbers that are not finite become null).
 
     A claim is judged over the last ``expect.window_s`` of the run: it is
     observed if the error stays within its tolerance at every recorded instant
     of that stretch, and holds if that is what was expected. In a run that
     diverged no equation holds; one that ended early in another way is not judged.
+    The equations are about the robots that are up at the end; where none is, nothing is judged.
     """
     scenario, outcome = recording.scenario, recording.outcome
     assert outcome is not None
     trajectories = recording.trajectories
-    found = error_series(scenario, trajectories)
+    judged = recording.up_at(outcome.t_ns)
+    found = error_series(scenario, trajectories, judged)
     expect = scenario.expect or Expect()
     tolerances = tolerances_of(expect)
     completed = outcome.kind == "completed"
@@ -37,7 +39,8 @@ def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
     for claim, series in by_claim(found).items():
         expected = getattr(expect, claim)
         within = bool(completed and np.all(series[window] <= tolerances[claim]))
-        observed = within if completed or outcome.kind == "diverged" else None
+        ended = judged and (completed or outcome.kind == "diverged")
+        observed = within if ended else None
         claims[claim] = {
             "expected": expected,
             "observed": observed,
@@ -55,6 +58,14 @@ def of(recording: Recording, *, mode: str, wall_s: float) -> dict[str, Any]:
         "outcome": {
             "kind": outcome.kind, "t_s": simulated_s,
             "robot": outcome.robot, "reason": outcome.reason,
+        },
+        "robots": {
+            "judged": judged,
+            "down_at_the_end": [robot for robot in scenario.ids if robot not in judged],
+            "lost": [
+                {"t_s": event.t_ns / 1e9, **event.details}
+                for event in recording.events if event.kind == "lost"
+            ],
         },
         "theorem": assessment.theorem,
         "why": assessment.why,
@@ -81,13 +92,23 @@ def passed(verdict: Mapping[str, Any]) -> bool:
     return all(claim["holds"] is not False for claim in verdict["claims"].values())
 
 
-def error_series(scenario: Scenario, trajectories: Trajectories) -> Errors:
-    """The three errors at every recorded instant, each (n_samples,)."""
-    if not len(trajectories.t_s):
-        empty = np.zeros(0)
+def error_series(
+    scenario: Scenario, trajectories: Trajectories, robots: Sequence[int] | None = None
+) -> Errors:
+    """The three errors at every recorded instant, each (n_samples,).
+
+    They are those of ``robots`` (ids; None: of all); zero if that is nobody.
+    """
+    kept = [k for k, robot in enumerate(scenario.ids) if robots is None or robot in robots]
+    if not len(trajectories.t_s) or not kept:
+        empty = np.zeros(len(trajectories.t_s))
         return Errors(empty, empty, empty)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
-        return errors(trajectories.positions_m, trajectories.headings_rad, scenario.offsets_m)
+        return errors(
+            trajectories.positions_m[:, kept],
+            trajectories.headings_rad[:, kept],
+            scenario.offsets_m[kept],
+        )
 
 
 def by_claim(found: Errors) -> dict[str, NDArray[np.float64]]:
@@ -141,7 +162,7 @@ def versions() -> dict[str, str | bool]:
     return found
 
 
-def _messages(recording: Recording) -> dict[str, Any]:
+def _messages(recording: Collected) -> dict[str, Any]:
     fates: dict[str, int] = {}
     for row in recording.link_rows:
         fates[row.fate] = fates.get(row.fate, 0) + 1
@@ -160,7 +181,7 @@ def _messages(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _links(recording: Recording, end_ns: int) -> list[dict[str, Any]]:
+def _links(recording: Collected, end_ns: int) -> list[dict[str, Any]]:
     """The statistics of every directed link that carried something, ascending."""
     fates: dict[tuple[int, int], list[Fate]] = {}
     for row in recording.link_rows:
