@@ -98,6 +98,7 @@ class Robot:
         self._next_due_ns = min(  # when a link delivers or changes next
             (timeline.next_ns for timeline in self._timelines.values()), default=_NEVER
         )
+        self._sequences = dict.fromkeys(self.neighbours, -1)
         self._latest_possible = first_tick
         self._pending: Sense | None = None
         self._rows: list[LinkRow] = []
@@ -141,12 +142,13 @@ class Robot:
         if note.tick > self._latest_possible or note.tick % self._every != 0:
             self._reject(source, "envelope of an impossible tick")
             return None
-        if note.tick <= self._arrived[source] or note.sequence != note.tick // self._every:
-            self._reject(source, "replayed: the tick is not newer, or not that of the sequence")
+        if note.sequence <= self._sequences[source] or note.tick <= self._arrived[source]:
+            self._reject(source, "replayed: sequence or tick is not newer")
             return None
         if not self._roster.up(source, note.tick):
             self._reject(source, "broadcast at a tick at which it was down")
             return None
+        self._sequences[source] = note.sequence
         self._arrived[source] = note.tick
         self._heard_up_to = min(self._arrived.values())
         sent_ns = note.tick * self._period_ns

@@ -18,8 +18,10 @@ from formation.messages import (
     End,
     Envelope,
     Failed,
+    Gone,
     Join,
     Links,
+    Meet,
     MessageError,
     Ready,
     Rejected,
@@ -42,15 +44,17 @@ broadcasts = st.builds(Broadcast, texts, integers, integers, integers, states)
 
 KINDS = {
     Join: st.builds(Join, integers, integers),
-    Brief: st.builds(Brief, texts),
-    Ready: st.builds(Ready, integers),
+    Brief: st.builds(Brief, texts, integers, st.lists(integers, max_size=5)),
+    Meet: st.builds(Meet, integers, st.lists(integers, max_size=5)),
+    Ready: st.builds(Ready, integers, integers),
+    Gone: st.builds(Gone, integers, integers),
     Sense: st.builds(Sense, words, wild_states),
     Drive: st.builds(Drive, words, words, st.floats(), st.floats()),
     Waiting: st.builds(Waiting, integers, integers, st.lists(integers, max_size=5)),
     Links: st.builds(Links, integers, st.lists(link_rows, max_size=3)),
     Rejected: st.builds(Rejected, integers, integers, texts, integers),
     Failed: st.builds(Failed, integers, texts),
-    End: st.builds(End, integers, texts),
+    End: st.builds(End, integers, texts, integers),
 }
 EDGES = [0.0, -0.0, 5e-324, -5e-324, 2.2250738585072014e-308, 1.7976931348623157e308, 0.1]
 GOOD = Broadcast("run", 3, 17, 170_000_000, State(1.5, -2.5, 0.25, 3.5, -0.5))
@@ -193,7 +197,7 @@ def test_message_of_every_tick_of_another_length_is_malformed(message):
         ([False, 1, 1], "tagged list"),
         ([0.0, 1, 1], "tagged list"),
         ([-1, 1, 1], "unknown kind -1"),
-        ([8, 1], "unknown kind 8"),
+        ([10, 1], "unknown kind 10"),
         ([2**64 - 1], f"unknown kind {2**64 - 1}"),
         ([0, 1], "Join"),
         ([0, 1, True], "Join"),

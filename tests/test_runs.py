@@ -219,7 +219,7 @@ def test_a_run_is_seven_processes_and_leaves_none(start):
 
 
 def test_killed_robot_ends_the_run_with_its_name_and_the_data(start):
-    run = start("killed")
+    run = start("killed", "run.on_unscheduled_loss=abort")
     run.until_event("started")
     run.child("agent", "--robot", "3").kill()
     assert run.wait(30) == 3
