@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,7 @@ from lab.launch import free_port
 
 SECTION5 = "paper/section5-delay"
 EVERY_ACTION = "network/every-action"
+EVERY_FAULT = "faults/every-fault"
 RANDOM_NETWORK = (
     'network.default.delay={distribution="uniform", low_s=0.0, high_s=0.03}',
     "network.default.loss.probability=0.2",
@@ -151,6 +153,66 @@ def test_a_timeline_is_the_same_in_a_distributed_and_an_inline_run(start, root):
     one, other = (pq.read_table(run.out / "links.parquet") for run in runs)
     assert one.equals(other)
     assert {"delivered", "lost: random", "lost: cut", "in flight"} == set(one["fate"].to_pylist())
+
+
+def test_faults_are_the_same_in_a_distributed_an_inline_and_a_loaded_run(start):
+    """Processes that are really killed, stopped and started anew, at exact ticks."""
+    until_all_are_back = "duration_s=9.8"
+    runs = [
+        start("distributed", until_all_are_back, scenario=EVERY_FAULT),
+        start("inline", "--inline", until_all_are_back, scenario=EVERY_FAULT),
+    ]
+    codes = [run.wait() for run in runs]
+    with load_on_every_core():
+        runs.append(start("loaded", until_all_are_back, scenario=EVERY_FAULT))
+        codes.append(runs[-1].wait())
+    assert codes == [1, 1, 1]  # too short for the claims
+    assert len({run.verdict()["trajectory_sha256"] for run in runs}) == 1
+    tables = [pq.read_table(run.out / "links.parquet") for run in runs]
+    assert tables[0].equals(tables[1])
+    assert tables[0].equals(tables[2])
+    assert {"delivered", "in flight", "lost: receiver down"} == set(tables[0]["fate"].to_pylist())
+    verbs = ("kill", "restart", "pause", "resume")
+    happened = [[(e["t_s"], e["event"], e["robots"]) for e in run.events() if e["event"] in verbs]
+                for run in runs]  # fmt: skip
+    assert happened[0] == happened[2]
+    # A paused robot has to run to say its last before it is killed; one process knows no such need.
+    assert [e for e in happened[0] if e != (6.5, "resume", [1])] == happened[1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_the_rest_run_on_without_a_robot_that_is_lost(start, number):
+    run = start("lost", "duration_s=4.0", "run.patience_s=1.0")
+    run.until_event("started")
+    stopped = run.child("agent", "--robot", "3")
+    stopped.send_signal(number)
+    assert run.wait(30) == 1  # too short for the claims
+    (lost,) = [event for event in run.events() if event["event"] == "lost"]
+    verdict = run.verdict()
+    assert verdict["outcome"]["kind"] == "completed"
+    assert verdict["robots"]["judged"] == [1, 2, 4, 5]
+    assert [item["robot"] for item in verdict["robots"]["lost"]] == [3]
+    assert verdict["simulated_s"] == 4.0
+    assert f"lost at t = {lost['t_s']:.3f} s: robot 3" in run.output()
+    states = pq.read_table(run.out / "states.parquet")
+    assert states.num_rows == 5 * 401
+    links = pq.read_table(run.out / "links.parquet").to_pylist()
+    sent_by_3 = [row["t_sent_ns"] for row in links if row["source"] == 3]
+    assert max(sent_by_3, default=0) <= lost["t_s"] * 1e9
+    fates = Counter((row["source"], row["destination"], row["sequence"]) for row in links)
+    assert set(fates.values()) == {1}
+    assert not stopped.is_running()
+
+
+def test_a_robot_lost_before_its_planned_restart_comes_back_then(start):
+    plan = 'timeline=[{action="kill", at_s=2.0, robots=3, restart_after_s=1.0}]'
+    run = start("back", "duration_s=4.0", plan)
+    run.until_event("started")
+    run.child("agent", "--robot", "3").kill()
+    assert run.wait(30) == 1
+    kinds = [event["event"] for event in run.events()]
+    assert kinds.count("restart") == 1
+    assert run.verdict()["robots"]["judged"] == [1, 2, 3, 4, 5]
 
 
 def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
