@@ -266,13 +266,15 @@ else:
 class Expect(Table):
     """``[expect]``: which of Eqs. 3-5 shall hold over the last ``window_s`` of the run.
 
-    ``false`` is a claim too: the run fails if the equation does hold.
+    ``false`` is a claim too: the run fails if the equation does hold. ``lyapunov`` claims
+    that V (Eq. 22, 34, 40 or 43) never rises beyond its budget, over the whole run.
     ``window_s`` defaults to a tenth of the run, at least one broadcast period.
     """
 
     formation: bool | None = None
     heading: bool | None = None
     centroid: bool | None = None
+    lyapunov: bool | None = None
     formation_tolerance_m: Positive = 0.05
     heading_tolerance_rad: Positive = 0.02
     centroid_tolerance_m: Positive = 0.2

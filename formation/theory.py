@@ -103,11 +103,11 @@ def _uncovered(scenario: Scenario) -> list[str]:
     if not damped and any(value > 0 for values in delays.values() for value in values):
         gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
     if law.level == "dynamic":
-        gaps.extend(_outside_model(scenario))
+        gaps.extend(outside_model(scenario))
     return gaps
 
 
-def _outside_model(scenario: Scenario) -> list[str]:
+def outside_model(scenario: Scenario) -> list[str]:
     fields = (
         "wheel_torque_limit_nm", "linear_friction_nspm", "angular_friction_nmsprad",
         "disturbance_force_n", "disturbance_torque_nm",

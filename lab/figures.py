@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from formation.scenario import Expect, Scenario
 from lab import link_figures
 from lab.canvas import COLOURS, blank
+from lab.lyapunov import Curve, equation, rises
+from lab.lyapunov import curve as lyapunov_curve
 from lab.recording import Recording, Trajectories
 from lab.verdict import by_claim, error_series, tolerances_of, window_s
 
@@ -32,6 +34,9 @@ def draw(recording: Recording, folder: Path) -> None:
             "headings": headings(scenario, trajectories),
             "errors": errors(recording),
         }
+        found = lyapunov_curve(recording)
+        if found is not None:
+            figures["lyapunov"] = lyapunov(recording, found)
     for name, figure in figures.items():
         for kind in ("png", "svg"):
             figure.savefig(folder / f"{name}.{kind}", dpi=130)
@@ -112,6 +117,31 @@ def errors(recording: Recording) -> Figure:
     axes.set_xlabel("t (s)")
     axes.set_ylabel("error  (dotted: tolerance)")
     axes.set_xlim(0.0, end or 1.0)
+    axes.legend(loc="upper right", fontsize=8)
+    return figure
+
+
+def lyapunov(recording: Recording, found: Curve) -> Figure:
+    """V on a log axis, with the stretches in which it gains more than its budget."""
+    scenario = recording.scenario
+    figure = blank(9.0, 4.6)
+    axes = figure.subplots()
+    smallest = np.finfo(float).tiny
+    heard = np.argmax(found.whole) if found.whole.any() else len(found.v)
+    axes.semilogy(found.t_s[: heard + 1], np.maximum(found.v[: heard + 1], smallest), ls=":",
+                  color=COLOURS[0], label="V before all neighbours were heard")  # fmt: skip
+    axes.semilogy(found.t_s[heard:], np.maximum(found.v[heard:], smallest), color=COLOURS[0],
+                  label=f"V, Eq. {equation(scenario)}")  # fmt: skip
+    budget = np.where(np.isfinite(found.budget) & (found.budget > 0), found.budget, np.nan)
+    axes.semilogy(found.t_s, budget, color="0.6", lw=0.9,
+                  label="what it may gain a broadcast period")  # fmt: skip
+    for number, rise in enumerate(rises(recording, found)):
+        axes.axvspan(rise.begin_s, rise.end_s, color=COLOURS[1], alpha=0.35, lw=1.0, zorder=0,
+                     label="V gains more" if number == 0 else None)  # fmt: skip
+    _mark_plan(axes, scenario, found.t_s[-1])
+    axes.set_xlabel("t (s)")
+    axes.set_ylabel("V")
+    axes.set_xlim(0.0, found.t_s[-1])
     axes.legend(loc="upper right", fontsize=8)
     return figure
 

@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,13 @@ class Trajectories:
         self.t_s = self.t_ns / 1e9
         self.states = table[..., 2:7]
         self.torques_nm = table[..., 7:9]
+
+    def first(self, count: int) -> "Trajectories":
+        """The first ``count`` instants alone."""
+        part = copy(self)
+        part.t_ns, part.t_s = self.t_ns[:count], self.t_s[:count]
+        part.states, part.torques_nm = self.states[:count], self.torques_nm[:count]
+        return part
 
     @property
     def positions_m(self) -> NDArray[np.float64]:

@@ -32,6 +32,7 @@ CLAIM_TITLES = {
     "formation": ("formation (Eq. 3)", "m"),
     "heading": ("heading (Eq. 4)", "rad"),
     "centroid": ("centroid (Eq. 5)", "m"),
+    "lyapunov": ("V never rises", "V"),
 }
 
 
@@ -150,6 +151,14 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
         console.print(
             f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} "
             + escape(outcome["reason"])
+        )
+    rises = judged["lyapunov"]["rises"] if judged["lyapunov"] is not None else []
+    if rises:
+        first = rises[0]
+        console.print(
+            f"V (Eq. {judged['lyapunov']['equation']}) rises {len(rises)} time(s), first at "
+            f"t = {first['begin_s']:.2f} s: " + escape("; ".join(first["causes"])),
+            soft_wrap=True,
         )
     robots = judged["robots"]
     for lost in robots["lost"]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
+from lab import lyapunov
 from lab.build import compiled
 from lab.recording import Collected, Trajectories, trajectory_sha256
 from netem.statistics import Fate, summarise
@@ -25,6 +26,7 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
     of that stretch, and holds if that is what was expected. In a run that
     diverged no equation holds; one that ended early in another way is not judged.
     The equations are about the robots that are up at the end; where none is, nothing is judged.
+    ``lyapunov`` is judged over the whole run (see :mod:`lab.lyapunov`).
     """
     scenario, outcome = recording.scenario, recording.outcome
     assert outcome is not None
@@ -35,11 +37,11 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
     tolerances = tolerances_of(expect)
     completed = outcome.kind == "completed"
     window = trajectories.t_ns >= outcome.t_ns - nanoseconds(window_s(scenario))
+    ended = bool(judged) and (completed or outcome.kind == "diverged")
     claims = {}
     for claim, series in by_claim(found).items():
         expected = getattr(expect, claim)
         within = bool(completed and np.all(series[window] <= tolerances[claim]))
-        ended = judged and (completed or outcome.kind == "diverged")
         observed = within if ended else None
         claims[claim] = {
             "expected": expected,
@@ -48,6 +50,10 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
             "tolerance": tolerances[claim],
             "largest_in_window": _number(series[window].max()) if window.any() else None,
         }
+    rising = _lyapunov(recording)
+    claims["lyapunov"] = _lyapunov_claim(
+        rising if ended else None, expect.lyapunov, diverged=outcome.kind == "diverged"
+    )
     asked = [claim for claim in CLAIMS if getattr(expect, claim)] or list(CLAIMS)
     assessment = assess(scenario)
     simulated_s = outcome.t_ns / 1e9
@@ -77,6 +83,7 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
             trajectories.t_s, {c: s for c, s in by_claim(found).items() if c in asked}, tolerances
         ) if completed else None,
         "claims": claims,
+        "lyapunov": rising,
         "trajectory_sha256": trajectory_sha256(recording.samples),
         "messages": _messages(recording),
         "links": _links(recording, outcome.t_ns),
@@ -160,6 +167,44 @@ def versions() -> dict[str, str | bool]:
         except PackageNotFoundError:  # run from a checkout that is not installed
             found[package] = "unknown"
     return found
+
+
+def _lyapunov(recording: Collected) -> dict[str, Any] | None:
+    """V along the run and every rise of it; None where it cannot be had."""
+    found = lyapunov.curve(recording)
+    if found is None:
+        return None
+    first = int(np.argmax(found.whole)) if found.whole.any() else None
+    return {
+        "equation": lyapunov.equation(recording.scenario),
+        "from_s": None if first is None else float(found.t_s[first]),
+        "initial": None if first is None else _number(found.v[first]),
+        "final": _number(found.v[-1]),
+        "budget": None if first is None else _number(found.budget[first + 1 :].sum()),
+        "may_rise_by": lyapunov.standing_causes(recording.scenario),
+        "rises": [
+            {name: _number(value) if name.endswith("gain") else value
+             for name, value in rise._asdict().items()}
+            for rise in lyapunov.rises(recording, found)
+        ],
+    }  # fmt: skip
+
+
+def _lyapunov_claim(
+    rising: dict[str, Any] | None, expected: bool | None, *, diverged: bool
+) -> dict[str, Any]:
+    """The entry of "V never rises" among the claims."""
+    known = rising is not None and rising["from_s"] is not None
+    gains = [rise["relative_gain"] for rise in rising["rises"]] if rising is not None else []
+    observed = False if diverged else not gains if known else None
+    largest = None if not known or None in gains else max(gains, default=0.0)
+    return {
+        "expected": expected,
+        "observed": observed,
+        "holds": None if expected is None or observed is None else observed == expected,
+        "tolerance": lyapunov.ROUNDING,
+        "largest_in_window": largest,
+    }
 
 
 def _messages(recording: Collected) -> dict[str, Any]:

@@ -220,7 +220,7 @@ def test_without_expect_everything_is_observed_and_nothing_judged(tmp_path, pape
     scenario = paper("theorem4").model_copy(update={"expect": None})
     judged = trial(tmp_path / "run", scenario, [(0, {}), (40 * S, {"shift": shift})])
     assert {claim: entry["observed"] for claim, entry in judged["claims"].items()} == {
-        "formation": True, "heading": True, "centroid": shift == 0.0
+        "formation": True, "heading": True, "centroid": shift == 0.0, "lyapunov": True
     }  # fmt: skip
     assert all(entry["expected"] is None for entry in judged["claims"].values())
     assert all(entry["holds"] is None for entry in judged["claims"].values())
@@ -261,14 +261,14 @@ def test_diverged_run_fails_every_claim_and_its_verdict_is_json(tmp_path, paper,
     }  # fmt: skip
     for entry in judged["claims"].values():
         assert entry["observed"] is False
-        assert entry["holds"] is False
+        assert entry["holds"] is (None if entry["expected"] is None else False)
     assert judged["settling_time_s"] is None
     assert not verdict.passed(judged)
 
 
 def test_run_that_diverged_within_its_tolerances_fails_all_the_same(tmp_path, paper):
     judged = trial(tmp_path / "run", paper("theorem4"), [(0, {}), (S, {})], "diverged")
-    assert [entry["observed"] for entry in judged["claims"].values()] == [False] * 3
+    assert [entry["observed"] for entry in judged["claims"].values()] == [False] * 4
     assert judged["settling_time_s"] is None
 
 
