@@ -10,6 +10,7 @@ from setuptools import Extension, setup
 
 HOT = [
     "agent/cooperative.py",
+    "agent/dynamics.py",
     "agent/excitation.py",
     "agent/process.py",
     "agent/robot.py",

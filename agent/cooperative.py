@@ -12,11 +12,12 @@ Plain floats and no arrays: for two-vectors that is an order of magnitude faster
 than NumPy, and this runs once per robot and control period.
 """
 
-from math import cos, exp, sin, sqrt
+from math import cos, sin
 
+from agent.dynamics import DynamicLayer
 from agent.excitation import Excitation, W1Signal
-from agent.law import Command, Situation, parameters
-from formation.messages import Stamped, State, make
+from agent.law import Command, Situation
+from formation.messages import Stamped, State
 
 Coordinates = tuple[float, float, float, float, float, float, float, float, float]
 """(ζ2, ζ3, z2, S, u1, u2, ζ̇3, ż2, Ṡ) of one robot at one instant, S = z1 + Δ (Eqs. 8, 19).
@@ -33,30 +34,18 @@ class CooperativeLaw:
     """Eqs. 15-19, 26, 27 (kinematic) and 29-31 (dynamic); 38, 39 with delayed neighbours."""
 
     def __init__(self, situation: Situation) -> None:
-        settings, body = situation.settings, situation.body
+        settings = situation.settings
         self._w1 = W1Signal(settings.w1)
         self._beta = settings.beta
         self._delta_sign = 1.0 if settings.delta == "corrected" else -1.0
         self._compensated = settings.cross_term == "compensated"
         self._dynamic = settings.level == "dynamic"
-        self._inertia_shaped = settings.feedback_shape == "inertia"
         self._scale = settings.length_scale_m
         self._own_offset = self._scaled(situation.offsets_m[situation.robot])
         self._offsets = {i: self._scaled(situation.offsets_m[i]) for i in situation.coupling}
         self._coupling = dict(situation.coupling)
         self._damping = situation.damping
-        a_estimate = parameters(body.mass_kg, body.inertia_kgm2, body.com_offset_m, self._scale)
-        self._com_uncertain = body.com_uncertain
-        self._constants = (
-            *a_estimate,
-            settings.feedback_gain,
-            body.robust_bound if settings.robust else 0.0,
-            settings.boundary_layer,
-            settings.gamma,
-            self._scale,
-            body.half_axle_m,
-            0.5 * body.wheel_radius_m,
-        )
+        self._layer = DynamicLayer(situation)
         self._summed: tuple[tuple[Stamped, ...], NeighbourSums] = ((), (0.0,) * 5)
 
     def command(self, now_ns: int, own: State, heard: tuple[Stamped, ...]) -> Command:
@@ -94,37 +83,9 @@ class CooperativeLaw:
         )  # fmt: skip
         if self._compensated:
             eta2_dot -= w1_dot * z3 + w1 * z3_dot
-        return self._torques(t_s, me, own[4], eta1, eta2, eta1_dot, eta2_dot)
-
-    def _torques(
-        self, t_s: float, me: Coordinates, omega: float,
-        eta1: float, eta2: float, eta1_dot: float, eta2_dot: float,
-    ) -> Command:  # fmt: skip
-        """Eqs. 29-31 and the wheel torques that give the wrench B̄τ."""
-        a1, a2, a3, gain, rho, epsilon, gamma, scale, half_axle, half_radius = self._constants
-        _, zeta3, z2, big_s, u1, u2, zeta3_dot, _, _ = me
-        e1, e2 = u1 - eta1, u2 - eta2
-        # Rows of the regressor Ȳ(ζ, ζ̇, η, η̇) of Property 4 for a = (m, I + m d², m d).
-        s = zeta3_dot * eta1 + zeta3 * eta1_dot + eta2_dot
-        y11, y12, y21 = zeta3 * s, eta1_dot, s
-        y13, y23 = (-omega * eta2, omega * eta1) if self._com_uncertain else (0.0, 0.0)
-        # Π, Eq. 31 with a boundary layer ε: ρ Ȳᵀũ / (‖Ȳᵀũ‖ + ε exp(−γ t)).
-        p1, p2, p3 = y11 * e1 + y21 * e2, y12 * e1, y13 * e1 + y23 * e2
-        denominator = sqrt(p1 * p1 + p2 * p2 + p3 * p3) + epsilon * exp(-gamma * t_s)
-        share = rho / denominator if denominator > 0.0 else 0.0
-        r1, r2, r3 = a1 - share * p1, a2 - share * p2, a3 - share * p3
-        # K ũ with K = k 1 or K = k M̄(q) from the estimates.
-        if self._inertia_shaped:
-            k2 = a1 * (zeta3 * e1 + e2)
-            k1 = zeta3 * k2 + a2 * e1
-        else:
-            k1, k2 = e1, e2
-        wrench1 = -gain * k1 + y11 * r1 + y12 * r2 + y13 * r3 - big_s
-        wrench2 = -gain * k2 + y21 * r1 + y23 * r3 - z2
-        # B̄τ = [ζ3 f − n, f], f = (τ_r + τ_l)/R, n = L (τ_r − τ_l)/R.
-        force = wrench2 / scale
-        yaw = (zeta3 * wrench2 - wrench1) / half_axle
-        return make(Command, (half_radius * (force + yaw), half_radius * (force - yaw)))
+        return self._layer.torques(
+            t_s, z3, z3_dot, me[4], me[5], eta1, eta2, eta1_dot, eta2_dot, big_s, z2
+        )
 
     def _neighbour_sums(self, heard: tuple[Stamped, ...]) -> NeighbourSums:
         """What the neighbours contribute, each evaluated at its own stamp.
