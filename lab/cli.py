@@ -65,6 +65,47 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 
 
 @main.command()
+@click.option("--inline", is_flag=True, help="Every run in one process, as many at once as cores.")
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="PATTERN",
+    help="Only claims whose key matches, e.g. theorem-* (--list shows the keys). Repeatable.",
+)
+@click.option("--list", "listed", is_flag=True, help="List the claims and end.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder of results  [default: runs/claims-<time>]",
+)
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    metavar="FILE",
+    help="Put the table into FILE, between the comments that mark its place there.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1), help="Inline runs at once  [default: one for each core]"
+)
+def claims(
+    inline: bool,
+    only: tuple[str, ...],
+    listed: bool,
+    out: Path | None,
+    into: Path | None,
+    jobs: int | None,
+) -> None:
+    """Run every claim of the paper and say of each whether it holds.
+
+    Exit code 0: every one ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
+    130: interrupted (what is complete is written).
+    """
+    from lab.claims.command import list_claims, run_claims
+
+    sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, inline=inline))
+
+
+@main.command()
 def laws() -> None:
     """List the control laws that law.kind can name."""
     from agent.law import installed

@@ -168,9 +168,13 @@ class Recording(Collected):
                 record.kind, record.t_ns, {"robot": record.robot, "reason": record.reason}
             )
 
+    def close(self) -> None:
+        """Nothing more comes. What is in memory alone is let go, unless :meth:`save` follows."""
+        self._events.close()
+
     def save(self) -> None:
         """Write the tables; every row recorded so far is kept."""
-        self._events.close()
+        self.close()
         pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / "states.parquet")
         rows = sorted(self.link_rows, key=lambda row: (row.t_sent_ns, *row[2:5]))
         pq.write_table(_table(rows, LINKS_SCHEMA), self.folder / "links.parquet")

@@ -1,8 +1,5 @@
 """``formnet run``: load, launch, watch, judge, draw."""
 
-import json
-import secrets
-import threading
 import time
 from datetime import datetime
 from pathlib import Path
@@ -19,8 +16,8 @@ from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
 from formation.theory import assess
-from lab import inline, verdict
-from lab.launch import Launch
+from lab import verdict
+from lab.execution import execute
 from lab.links_table import links_table, output
 from lab.recording import Recording, RunExists
 from lab.signals import stop_signals
@@ -53,11 +50,10 @@ def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, in
     except (RunExists, OSError) as error:
         console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
-    name = f"{scenario.name}-{stamp}-{secrets.token_hex(3)}"
     mode = "inline" if inline else "distributed"
     with stop_signals() as stopped:
         with _Watch(console, recording) as watch:
-            outcome = _execute(recording, name, watch, stopped, inline=inline)
+            outcome = execute(recording, watch.take, stopped.is_set, watch.refresh, inline=inline)
         return _conclude(console, recording, outcome, watch.wall_s, mode)
 
 
@@ -80,34 +76,13 @@ def report_problems(console: Console, error: ScenarioError) -> None:
         console.print(f"[red]{escape(error.file)}:[/] {escape(str(problem))}", soft_wrap=True)
 
 
-def _execute(
-    recording: Recording, name: str, watch: "_Watch", stopped: threading.Event, *, inline: bool
-) -> Outcome:
-    if inline:
-        return _inline(recording, name, watch, stopped)
-    launch = Launch(
-        recording.folder / "scenario.toml", recording.scenario, name, watch.take,
-        recording.folder / "logs",
-    )  # fmt: skip
-    return launch.wait(stopped.is_set, watch.refresh)
-
-
-def _inline(recording: Recording, name: str, watch: "_Watch", stopped: threading.Event) -> Outcome:
-    def asked() -> bool:
-        watch.refresh()
-        return stopped.is_set()
-
-    return inline.run(recording.scenario, name, watch.take, asked)
-
-
 def _conclude(
     console: Console, recording: Recording, outcome: Outcome, wall_s: float, mode: str
 ) -> int:
     """Save, judge, draw and print; returns the exit code."""
     recording.save()
     judged = verdict.of(recording, mode=mode, wall_s=wall_s)
-    text = json.dumps(judged, indent=2, allow_nan=False, ensure_ascii=False)
-    (recording.folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
+    verdict.save(judged, recording.folder)
     if outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         from lab import figures
 

@@ -1,8 +1,10 @@
 """The verdict on a run: errors of Eqs. 3-5, when they settled, and whether each claim held."""
 
+import json
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -92,6 +94,12 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
         "realtime_factor": simulated_s / wall_s if wall_s > 0 else None,
         "versions": versions(),
     }  # fmt: skip
+
+
+def save(verdict: Mapping[str, Any], folder: Path) -> None:
+    """Write ``verdict.json`` into ``folder``."""
+    text = json.dumps(verdict, indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
 
 
 def passed(verdict: Mapping[str, Any]) -> bool:

@@ -15,7 +15,7 @@ ALLOWED = {
 
 @pytest.mark.parametrize("package", ALLOWED)
 def test_package_imports_only_what_lies_below_it(root, package):
-    files = sorted((root / package).glob("*.py"))
+    files = sorted((root / package).rglob("*.py"))
     assert files
     for file in files:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

@@ -1,0 +1,218 @@
+"""``formnet claims``: run every claim, print the table, write it down."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+
+from formation.loading import load
+from formation.scenario import Scenario
+from lab import inline as one_process
+from lab import pool, verdict
+from lab.claims import figures, report
+from lab.claims.catalogue import COMPARED, catalogue
+from lab.claims.claim import Case, Claim
+from lab.claims.results import BROKEN, EQUATIONS, FAILS, HOLDS, OBSERVED, Result, Row
+from lab.execution import execute
+from lab.links_table import output
+from lab.recording import Collected, Recording
+from lab.run import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS
+from lab.run import BROKEN as RUN_BROKE
+from lab.signals import stop_signals
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+_UNITS = {"Eq. 3": "m", "Eq. 4": "rad", "Eq. 5": "m"}
+_STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
+
+
+class _Work(NamedTuple):
+    """One run to do, into ``folder``."""
+
+    claim: str
+    case: Case
+    folder: Path
+    inline: bool
+
+
+def run_claims(
+    only: Sequence[str], out: Path | None, into: Path | None, jobs: int | None, *, inline: bool
+) -> int:
+    """Run the claims whose keys match ``only`` (all, if empty); the exit code of the command."""
+    console = Console(stderr=True)
+    claims = catalogue()
+    chosen = [c for c in claims if not only or any(fnmatchcase(c.key, some) for some in only)]
+    unmatched = [some for some in only if not any(fnmatchcase(c.key, some) for c in claims)]
+    if unmatched:
+        keys = ", ".join(claim.key for claim in claims)
+        console.print(f"[red]--only:[/] {escape(unmatched[0])} matches no claim ({keys})")
+        return BAD_INPUT
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = out or Path("runs") / f"claims-{stamp}"
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise FileExistsError(f"{folder} exists already; results are never overwritten")
+        folder.mkdir(parents=True, exist_ok=True)
+        if into is not None:
+            report.put_into(into, "")
+    except (OSError, report.NoBlock) as error:
+        console.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
+        return BAD_INPUT
+    work = [
+        _Work(claim.key, case, folder / "cases" / claim.key / case.name, inline)
+        for claim in chosen
+        for case in claim.cases
+    ]
+    with stop_signals() as stopped:
+        done = _all(console, work, jobs, stopped.is_set, inline=inline)
+    rows = list(_rows(chosen, done))
+    _write(folder, rows, mode="inline" if inline else "distributed")
+    output().print(_table(rows))
+    if into is not None and len(done) == len(work):
+        report.put_into(into, report.markdown(rows))
+    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
+    if len(done) < len(work):
+        console.print(f"interrupted after {len(done)} of {len(work)} runs")
+        return INTERRUPTED
+    verdicts = {row.verdict for row in rows}
+    return RUN_BROKE if BROKEN in verdicts else ONE_FAILS if FAILS in verdicts else ALL_HOLD
+
+
+def list_claims() -> int:
+    """Print every claim's key, what it says and how many runs it takes."""
+    table = Table(box=SIMPLE_HEAD)
+    for column in ("key", "claim", "in the paper", "should happen", "runs"):
+        table.add_column(column)
+    for claim in catalogue():
+        table.add_row(claim.key, claim.says, claim.where, claim.should, str(len(claim.cases)))
+    output().print(table)
+    return ALL_HOLD
+
+
+def _all(
+    console: Console, work: Sequence[_Work], jobs: int | None, stopped: Callable[[], bool],
+    *, inline: bool,
+) -> dict[tuple[str, str], Result]:  # fmt: skip
+    """The results of all runs, by the keys of claim and case; fewer if stopped."""
+    done: dict[tuple[str, str], Result] = {}
+    bar = Progress(
+        BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.description}"),
+        console=console,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=len(work))
+        found: Iterator[tuple[_Work, Result]]
+        if inline:
+            # The longest first, so that no core is left with a long one at the end.
+            longest_first = sorted(work, key=lambda item: -_cost(item.case))
+            found = pool.each(_run_inline, longest_first, jobs or os.cpu_count() or 1, stopped)
+        else:  # every run has all cores
+            found = ((item, _run(item, stopped, bar.refresh)) for item in work)
+        for item, result in found:
+            if result.verdict["outcome"]["kind"] == "interrupted":
+                break
+            done[item.claim, item.case.name] = result
+            bar.update(task, advance=1, description=f"{item.claim}: {item.case.name}")
+            if not result.as_expected:
+                outcome = result.verdict["outcome"]
+                console.print(
+                    f"[red]not as predicted:[/] {item.claim}, {item.case.name} "
+                    f"({outcome['kind']}{escape(' ' + outcome['reason'])}), see "
+                    + escape(str(item.folder)), soft_wrap=True,
+                )  # fmt: skip
+            if stopped():
+                break
+    return done
+
+
+def _cost(case: Case) -> float:
+    """How long a run takes, roughly: robots times virtual seconds."""
+    scenario = _scenario(case)
+    return len(scenario.ids) * scenario.duration_s
+
+
+def _run_inline(item: _Work) -> Result:
+    return _run(item, pool.stop_wanted)
+
+
+def _run(
+    item: _Work, stopped: Callable[[], bool], refresh: Callable[[], None] = lambda: None
+) -> Result:
+    """One run; what it recorded is kept if it did not end as it should."""
+    recording = Recording(item.folder, _scenario(item.case))
+    began = time.monotonic()
+    execute(recording, recording, stopped, refresh, inline=item.inline)
+    seconds = time.monotonic() - began
+    mode = "inline" if item.inline else "distributed"
+    judged = verdict.of(recording, mode=mode, wall_s=seconds)
+    verdict.save(judged, item.folder)
+    result = Result(item.case, judged, seconds)
+    if result.as_expected:
+        recording.close()
+    else:
+        recording.save()
+    return result
+
+
+def _scenario(case: Case) -> Scenario:
+    return load(CONFIGS / case.scenario, case.all_overrides)
+
+
+def _rows(claims: Sequence[Claim], done: dict[tuple[str, str], Result]) -> Iterator[Row]:
+    """The rows of which every run is there."""
+    for claim in claims:
+        results = [done.get((claim.key, case.name)) for case in claim.cases]
+        known = [result for result in results if result is not None]
+        if len(known) == len(results):
+            yield Row(claim, known)
+
+
+def _write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
+    (folder / "claims.md").write_text(report.markdown(rows), encoding="utf-8")
+    text = json.dumps(report.as_json(rows, mode=mode), indent=2, allow_nan=False,
+                      ensure_ascii=False)  # fmt: skip
+    (folder / "claims.json").write_text(text + "\n", encoding="utf-8")
+    drawn = {"claims": figures.summary(rows)}
+    following = next((row for row in rows if row.claim.key == "leader-follower"), None)
+    if following is not None:
+        drawn["remark-9"] = _remark_9(following)
+    for name, figure in drawn.items():
+        for kind in ("png", "svg"):
+            figure.savefig(folder / f"{name}.{kind}", dpi=130)
+
+
+def _remark_9(row: Row) -> Figure:
+    """Both laws, run again in this process: the same bits."""
+    runs = []
+    for name in COMPARED:
+        case = next(result.case for result in row.results if result.case.name == name)
+        run = Collected(_scenario(case))
+        one_process.run(run.scenario, name, run)
+        runs.append(run)
+    return figures.compared(*runs)
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    """The short form: what is said and should happen stands in claims.md."""
+    table = Table(box=SIMPLE_HEAD, title="the paper's claims", title_justify="left")
+    for column in ("claim", "in the paper", "verdict"):
+        table.add_column(column)
+    for column in ("runs", *(f"{title} ({unit})" for title, unit in _UNITS.items())):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in rows:
+        told = row.verdict if row.verdict == HOLDS else row.happened
+        table.add_row(
+            row.claim.key, row.claim.where, f"[{_STYLES[row.verdict]}]{escape(told)}[/]",
+            str(len(row.results)), *(report.number(row, claim) for claim in EQUATIONS),
+        )  # fmt: skip
+    return table

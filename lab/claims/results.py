@@ -1,0 +1,108 @@
+"""How the runs of the claims ended, against how they should."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from formation.theory import CLAIMS
+from lab.claims.claim import Case, Claim
+
+HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One run: ``verdict`` is its verdict.json, ``seconds`` what it took on the wall."""
+
+    case: Case
+    verdict: Mapping[str, Any]
+    seconds: float
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run came to its end, diverging included."""
+        return self.verdict["outcome"]["kind"] in ("completed", "diverged")
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the state left the finite numbers."""
+        return bool(self.verdict["outcome"]["kind"] == "diverged")
+
+    def observed(self, claim: str) -> bool | None:
+        """Whether an equation of CLAIMS, or "lyapunov", was observed."""
+        value: bool | None = self.verdict["claims"][claim]["observed"]
+        return value
+
+    def error(self, claim: str) -> float | None:
+        """The largest error of an equation in the stretch that is judged; None if not finite."""
+        value: float | None = self.verdict["claims"][claim]["largest_in_window"]
+        return None if self.diverged else value
+
+    def tolerance(self, claim: str) -> float:
+        """What the error of an equation must stay within."""
+        return float(self.verdict["claims"][claim]["tolerance"])
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the run ended as it should; where nothing is claimed, whether it ended."""
+        case = self.case
+        if not self.ended or (case.expected is not None and self.diverged != case.diverges):
+            return False
+        return all(self.observed(claim) == value for claim, value in case.asked.items())
+
+
+@dataclass(frozen=True)
+class Row:
+    """One claim and the runs of it, in the catalogue's order."""
+
+    claim: Claim
+    results: Sequence[Result]
+
+    @property
+    def verdict(self) -> str:
+        """HOLDS or FAILS; OBSERVED where nothing is claimed; BROKEN if a run did not end."""
+        if not all(result.ended for result in self.results):
+            return BROKEN
+        if not self.claim.claimed:
+            return OBSERVED
+        return HOLDS if all(result.as_expected for result in self.results) else FAILS
+
+    @property
+    def happened(self) -> str:
+        """What happened, in words."""
+        runs = len(self.results)
+        if self.claim.claimed:
+            wrong = [result.case.name for result in self.results if not result.as_expected]
+            if wrong:
+                return f"not as predicted in {len(wrong)} of {runs} runs: {', '.join(wrong)}"
+            return "as predicted" if runs == 1 else f"as predicted in all {runs} runs"
+        ends_s = [r.verdict["outcome"]["t_s"] for r in self.results if r.diverged]
+        if ends_s:
+            return f"not claimed; observed: diverges at {', '.join(f'{t:.0f} s' for t in ends_s)}"
+        found = []
+        for claim, title in EQUATIONS.items():
+            count = sum(result.observed(claim) is True for result in self.results)
+            word = f"in {count} of {runs}" if count else "does not"
+            word = "holds" if count == runs else word
+            found.append(f"{title} {word}")
+        return "not claimed; observed: " + ", ".join(found)
+
+    def telling(self, claim: str) -> tuple[bool | None, float | None]:
+        """The error that says most of an equation, and whether it should be small.
+
+        The largest of the runs that should keep it; without any, the smallest of those that
+        should not; where nothing is claimed (None), the largest. An error that is not finite
+        is infinite; None if no run has anything to say.
+        """
+        for wanted, choose in ((True, max), (False, min), (None, max)):
+            chosen = [r for r in self.results if r.case.asked.get(claim) is wanted]
+            if chosen and (wanted is not None or not self.claim.claimed):
+                errors = [r.error(claim) for r in chosen]
+                return wanted, choose(inf if error is None else error for error in errors)
+        return None, None
+
+
+EQUATIONS = {"formation": "Eq. 3", "heading": "Eq. 4", "centroid": "Eq. 5"}
+"""What claims of [expect] are called in the paper."""
+assert tuple(EQUATIONS) == CLAIMS

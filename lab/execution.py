@@ -1,0 +1,35 @@
+"""Running a scenario into a recording, in one process or in many."""
+
+import secrets
+from collections.abc import Callable
+
+from formation.record import Outcome, Sink
+from lab import inline as one_process
+from lab.launch import Launch
+from lab.recording import Recording
+
+
+def execute(
+    recording: Recording,
+    sink: Sink,
+    stopped: Callable[[], bool],
+    refresh: Callable[[], None] = lambda: None,
+    *,
+    inline: bool,
+) -> Outcome:
+    """Run ``recording.scenario``, records going to ``sink``; ``stopped`` ends it early.
+
+    ``sink`` passes them on to ``recording``. ``refresh`` is called now and then. The logs of a
+    distributed run's processes are put into the recording's folder.
+    """
+    scenario, folder = recording.scenario, recording.folder
+    name = f"{scenario.name}-{secrets.token_hex(6)}"  # unique on the bus
+    if not inline:
+        launch = Launch(folder / "scenario.toml", scenario, name, sink, folder / "logs")
+        return launch.wait(stopped, refresh)
+
+    def asked() -> bool:
+        refresh()
+        return stopped()
+
+    return one_process.run(scenario, name, sink, asked)
