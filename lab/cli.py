@@ -65,6 +65,22 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 
 
 @main.command()
+@click.argument(
+    "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
+)
+@click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
+def verify(folders: tuple[Path, ...], distributed: bool) -> None:
+    """Run recorded runs again from their scenario.toml and compare every bit.
+
+    Exit code 0: identical; 1: the first difference is named; 2: no run that could be repeated;
+    3: it could not be run again; 130: interrupted.
+    """
+    from lab.verify import verify_runs
+
+    sys.exit(verify_runs(folders, inline=not distributed))
+
+
+@main.command()
 @click.option("--inline", is_flag=True, help="Every run in one process, as many at once as cores.")
 @click.option(
     "--only",

@@ -7,7 +7,7 @@
 import hashlib
 import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,6 +38,9 @@ LINKS_SCHEMA = pa.schema(
         ("fate", pa.dictionary(pa.int8(), pa.string())),
     ]
 )
+
+
+_STATES, _LINKS = "states.parquet", "links.parquet"
 
 
 class RunExists(FileExistsError):
@@ -118,6 +121,17 @@ class Collected:
         """What was sampled so far."""
         return Trajectories(self.samples, len(self.scenario.robots))
 
+    @property
+    def sorted_link_rows(self) -> list[LinkRow]:
+        """Fates of messages by when they were sent, source, destination, sequence; twins by fate.
+
+        The order in which they are reported depends on the machine.
+        """
+        return sorted(
+            self.link_rows,
+            key=lambda row: (row.t_sent_ns, *row[2:], -1 if row[1] is None else row[1]),
+        )
+
     def latest(self) -> Trajectories:
         """The newest sample of every robot alone (empty if there is none)."""
         robots = len(self.scenario.robots)
@@ -175,9 +189,8 @@ class Recording(Collected):
     def save(self) -> None:
         """Write the tables; every row recorded so far is kept."""
         self.close()
-        pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / "states.parquet")
-        rows = sorted(self.link_rows, key=lambda row: (row.t_sent_ns, *row[2:5]))
-        pq.write_table(_table(rows, LINKS_SCHEMA), self.folder / "links.parquet")
+        pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / _STATES)
+        pq.write_table(_table(self.sorted_link_rows, LINKS_SCHEMA), self.folder / _LINKS)
 
     def _note_plan(self, now_ns: int) -> None:
         """Put what was planned up to now among the events."""
@@ -194,6 +207,25 @@ class Recording(Collected):
         }
         self._events.write(json.dumps(line) + "\n")
         self._events.flush()
+
+
+def read_states(folder: Path) -> list[Sample]:
+    """The samples in a run's folder.
+
+    Raises:
+        OSError, ValueError, KeyError: there is no such table, or it is another.
+    """
+    return [Sample(*row) for row in _rows(folder / _STATES, STATES_SCHEMA)]
+
+
+def read_links(folder: Path) -> list[LinkRow]:
+    """The fates of messages in a run's folder; raises as :func:`read_states`."""
+    return [LinkRow(*row) for row in _rows(folder / _LINKS, LINKS_SCHEMA)]
+
+
+def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
+    table = pq.read_table(file)
+    return zip(*(table.column(name).to_pylist() for name in schema.names), strict=True)
 
 
 def _table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:

@@ -1,0 +1,198 @@
+"""``formnet verify``: does a recorded run, run again, give the same bits?"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.markup import escape
+
+from formation.loading import ScenarioError
+from formation.record import LinkRow, Sample
+from formation.scenario import Scenario
+from lab import verdict
+from lab.execution import execute
+from lab.recording import Recording, read_links, read_states, trajectory_sha256
+from lab.run import (
+    ALL_HOLD,
+    BAD_INPUT,
+    BROKEN,
+    INTERRUPTED,
+    ONE_FAILS,
+    load_checked,
+    report_problems,
+)
+from lab.signals import stop_signals
+
+_UNTIL_THE_END = 2**63 - 1
+
+
+class Unreadable(ValueError):
+    """A folder that holds no run which could be repeated; the text says what is wrong with it."""
+
+
+class Recorded(NamedTuple):
+    """What a run folder holds of a run that can be compared."""
+
+    scenario: Scenario
+    verdict: Mapping[str, Any]
+    samples: list[Sample]
+    links: list[LinkRow]
+
+    @property
+    def planned_until_ns(self) -> int:
+        """Up to when nothing happened that the scenario does not say."""
+        unplanned = [item["t_s"] for item in self.verdict["robots"]["lost"]]
+        if self.verdict["outcome"]["kind"] not in ("completed", "diverged"):
+            unplanned.append(self.verdict["outcome"]["t_s"])
+        return min((round(t_s * 1e9) for t_s in unplanned), default=_UNTIL_THE_END)
+
+
+class Difference(NamedTuple):
+    """The first thing that differs: when, whose and what, and both values (None: missing)."""
+
+    t_ns: int
+    whose: str
+    what: str
+    recorded: object
+    again: object
+
+    def __str__(self) -> str:
+        """For people."""
+        return (
+            f"t = {self.t_ns / 1e9:.9g} s, {self.whose}, {self.what}: recorded "
+            f"{self.recorded!r}, again {self.again!r}"
+        )
+
+
+def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
+    """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all."""
+    console = Console(highlight=False)
+    codes = []
+    with stop_signals() as stopped:
+        for folder in folders:
+            if stopped.is_set():
+                codes.append(INTERRUPTED)
+                break
+            try:
+                codes.append(_verify(console, folder, stopped.is_set, inline=inline))
+            except ScenarioError as error:
+                report_problems(console, error)
+                codes.append(BAD_INPUT)
+            except Unreadable as error:
+                console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}",
+                              soft_wrap=True)  # fmt: skip
+                codes.append(BAD_INPUT)
+    return max(codes)
+
+
+def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inline: bool) -> int:
+    recorded = read(folder)
+    with TemporaryDirectory(prefix="formnet-verify-") as scratch:
+        again = Recording(Path(scratch) / "run", recorded.scenario)
+        outcome = execute(again, again, stopped, inline=inline)
+        again.close()
+    if stopped():
+        return INTERRUPTED
+    if outcome.kind not in ("completed", "diverged"):
+        console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
+                      + escape(outcome.reason), soft_wrap=True)  # fmt: skip
+        return BROKEN
+    until_ns = recorded.planned_until_ns
+    found = compare(recorded, again.samples, again.sorted_link_rows, until_ns)
+    claimed = recorded.verdict["trajectory_sha256"]
+    sealed = trajectory_sha256(recorded.samples) == claimed
+    whole = until_ns == _UNTIL_THE_END
+    extent = "" if whole else f" up to t = {until_ns / 1e9:g} s, where something unplanned happened"
+    name = escape(str(folder))
+    if found is None and sealed:
+        console.print(
+            f"{name}: [green]identical[/]{extent}: {len(recorded.samples)} samples, "
+            f"{len(recorded.links)} messages" if whole else
+            f"{name}: [green]identical[/]{extent}", soft_wrap=True,
+        )  # fmt: skip
+        console.print(f"  sha256 {claimed}", soft_wrap=True)
+        return ALL_HOLD
+    console.print(f"{name}: [red]differs[/]", soft_wrap=True)
+    if not sealed:
+        console.print("  states.parquet is not what verdict.json has the SHA-256 of: it was "
+                      "changed after the run", soft_wrap=True)  # fmt: skip
+    if found is not None:
+        console.print(f"  first at {escape(str(found))}", soft_wrap=True)
+        for line in _other_versions(recorded.verdict):
+            console.print(f"  {escape(line)}", soft_wrap=True)
+    return ONE_FAILS
+
+
+def read(folder: Path) -> Recorded:
+    """What ``folder`` holds of a run.
+
+    Raises:
+        Unreadable: a file is missing, or is not what a run leaves.
+        ScenarioError: the scenario cannot be run.
+    """
+    for name in ("scenario.toml", "verdict.json", "states.parquet", "links.parquet"):
+        if not (folder / name).is_file():
+            raise Unreadable(f"has no {name}; formnet run leaves one")
+    scenario = load_checked(folder / "scenario.toml", ())
+    try:
+        judged = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
+        judged["trajectory_sha256"], judged["outcome"]["t_s"], judged["robots"]["lost"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise Unreadable(f"verdict.json is not a verdict: {error!r}") from None
+    try:
+        return Recorded(scenario, judged, read_states(folder), read_links(folder))
+    except (ValueError, KeyError, OSError) as error:  # pyarrow's errors are among them
+        raise Unreadable(f"states.parquet or links.parquet cannot be read: {error}") from None
+
+
+def compare(
+    recorded: Recorded, samples: Sequence[Sample], links: Sequence[LinkRow], until_ns: int
+) -> Difference | None:
+    """The first difference between a record and another run, before ``until_ns``.
+
+    What became of messages is compared only if the record is whole: it depends on what
+    came after.
+    """
+    pairs = zip_longest(_before(recorded.samples, until_ns), _before(samples, until_ns))
+    for old, new in pairs:
+        if old != new:
+            return _between(old, new, "robot {0.robot}".format)
+    if until_ns < _UNTIL_THE_END:
+        return None
+    for old, new in zip_longest(recorded.links, links):
+        if old != new:
+            what = "message {0.sequence} from {0.source} to {0.destination}".format
+            return _between(old, new, what)
+    return None
+
+
+def _before(samples: Sequence[Sample], until_ns: int) -> list[Sample]:
+    return [sample for sample in samples if sample.t_ns < until_ns]
+
+
+def _between(old: Any, new: Any, whose: Callable[[Any], str]) -> Difference:
+    """How two rows differ, either of which may be missing."""
+    some = new if old is None else old
+    t_ns = some[0]
+    if old is None or new is None:
+        return Difference(t_ns, whose(some), "the whole row", old, new)
+    if (old[0], whose(old)) != (new[0], whose(new)):
+        first = min(old, new, key=lambda row: row[0])
+        missing = (None, new) if first is new else (old, None)
+        return Difference(first[0], whose(first), "the whole row", *missing)
+    field = next(name for name in old._fields if getattr(old, name) != getattr(new, name))
+    return Difference(t_ns, whose(old), field, getattr(old, field), getattr(new, field))
+
+
+def _other_versions(judged: Mapping[str, Any]) -> list[str]:
+    """What the recorded run was made with that is another now."""
+    before, now = judged.get("versions", {}), verdict.versions()
+    return [
+        f"{name}: recorded with {before.get(name)}, now {value}"
+        for name, value in now.items()
+        if before.get(name) != value
+    ]
