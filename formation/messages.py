@@ -5,22 +5,23 @@ stamped state for its neighbours; they pass through emulated links and are
 trusted by nobody. *Lockstep messages* (all others) keep virtual time between
 the plant and one robot and belong to the runtime, not to the experiment.
 
-Everything is msgpack, but for the messages of every tick (``Sense``, ``Drive``
-and the envelope), which are fixed little-endian structures. Floats travel as
-IEEE 754 doubles, so a value arrives bit-identical.
+Everything is msgpack (a broadcast with a checksum after it), but for the messages of
+every tick (``Sense``, ``Drive`` and the envelope), which are fixed little-endian
+structures. Floats travel as IEEE 754 doubles, so a value arrives bit-identical.
 """
 
 import math
 import struct
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
+from zlib import crc32
 
 import msgpack
 from mypy_extensions import mypyc_attr
 
 from formation.record import LinkRow
 
-PROTOCOL: Final = 2
+PROTOCOL: Final = 3
 """Version of the messages; a robot and a plant must agree on it."""
 
 
@@ -63,7 +64,10 @@ class Stamped(NamedTuple):
 
 
 class Broadcast(NamedTuple):
-    """What robot ``robot`` of run ``run`` tells its neighbours."""
+    """What robot ``robot`` of run ``run`` tells its neighbours.
+
+    On the wire a CRC-32 follows it: a damaged state may be finite and still absurd.
+    """
 
     run: str
     robot: int
@@ -72,16 +76,19 @@ class Broadcast(NamedTuple):
     state: State
 
     def pack(self) -> bytes:
-        return _pack((self.run, self.robot, self.sequence, self.stamp_ns, *self.state))
+        return sealed(_pack((self.run, self.robot, self.sequence, self.stamp_ns, *self.state)))
 
     @classmethod
     def unpack(cls, data: bytes) -> "Broadcast":
         """Decode and check a broadcast.
 
         Raises:
-            MessageError: not msgpack, wrong fields, wrong types, or not finite.
+            MessageError: damaged, not msgpack, wrong fields, wrong types, or not finite.
         """
-        fields = _unpack(data)
+        content = data[:-4]
+        if data[-4:] != crc32(content).to_bytes(4, "little"):
+            raise MessageError("damaged: its checksum is another")
+        fields = _unpack(content)
         if type(fields) is not list or len(fields) != 9:
             raise MessageError("malformed: not a list of 9 fields")
         run, robot, sequence, stamp_ns, x, y, heading, speed, turn_rate = fields
@@ -98,6 +105,11 @@ class Broadcast(NamedTuple):
         if not finite(state):
             raise MessageError("not finite: pose or velocity")
         return make(cls, (run, robot, sequence, stamp_ns, state))
+
+
+def sealed(content: bytes) -> bytes:
+    """``content`` followed by its CRC-32, little-endian."""
+    return content + crc32(content).to_bytes(4, "little")
 
 
 _pack: Final[Callable[[Any], bytes]] = msgpack.Packer(autoreset=True).pack

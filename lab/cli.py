@@ -122,6 +122,59 @@ def claims(
 
 
 @main.command()
+@SCENARIO
+@OVERRIDE
+@click.option("--runs", type=click.IntRange(1), default=20, show_default=True, help="How many.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Seed of the first run; each next one has the next.",
+)
+@click.option("--inline", is_flag=True, help="Every run in one process, as many at once as cores.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder of results  [default: runs/nemesis-<time>]",
+)
+@click.option(
+    "--limit",
+    "limit_s",
+    type=click.FloatRange(1.0),
+    default=600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="A run that takes longer than this has hung.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1), help="Inline runs at once  [default: one for each core]"
+)
+def nemesis(
+    scenario: Path,
+    overrides: tuple[str, ...],
+    runs: int,
+    seed: int,
+    inline: bool,
+    out: Path | None,
+    limit_s: float,
+    jobs: int | None,
+) -> None:
+    """Try to break SCENARIO.toml with random failures that are healed in the end.
+
+    Robots are killed, restarted and paused, links are cut, partitioned, delayed and lossy in the
+    first quarter of each run. Every run must end, keep its record consistent, give the same bits
+    when it is repeated, and recover to what [expect] claims. What fails is shrunk.
+
+    Exit code 0: every run is well; 1: one is not, and its seed is named; 2: bad usage;
+    130: interrupted.
+    """
+    from lab.nemesis.command import run_nemesis
+
+    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
+
+
+@main.command()
 def laws() -> None:
     """List the control laws that law.kind can name."""
     from agent.law import installed

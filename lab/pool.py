@@ -1,6 +1,7 @@
 """Independent pieces of work on several cores, each in a process of its own."""
 
 import signal
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
@@ -13,6 +14,10 @@ Result = TypeVar("Result")
 _stop: Event | None = None  # in a worker: set when the user wants an end
 
 
+class WorkFailed(RuntimeError):
+    """A piece of work raised; the text is its traceback. (Not every exception can travel.)"""
+
+
 def each(
     work: Callable[[Item], Result],
     items: Sequence[Item],
@@ -23,20 +28,24 @@ def each(
     """``work`` on every item, at most ``jobs`` at a time; pairs come as they are done.
 
     Once ``stopped`` says so nothing more is begun, and what runs can see it by
-    :func:`stop_wanted`. ``tick`` is called about five times a second. What ``work`` raises is
-    raised here.
+    :func:`stop_wanted`. ``tick`` is called about five times a second.
+
+    Raises:
+        WorkFailed: ``work`` raised.
     """
     context = get_context("spawn")
     stop = context.Event()
     with ProcessPoolExecutor(jobs, context, initializer=_begin, initargs=(stop,)) as pool:
         try:
-            running = {pool.submit(work, item): item for item in items}
+            running = {pool.submit(_guarded, work, item): item for item in items}
             while running:
                 done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
                 tick()
                 for future in done:
-                    item = running.pop(future)
-                    yield item, future.result()
+                    item, (result, trouble) = running.pop(future), future.result()
+                    if trouble:
+                        raise WorkFailed(trouble)
+                    yield item, result  # type: ignore[misc]
                 if stopped():
                     return
         finally:
@@ -47,6 +56,13 @@ def each(
 def stop_wanted() -> bool:
     """In a worker: whether the user wants an end."""
     return _stop is not None and _stop.is_set()
+
+
+def _guarded(work: Callable[[Item], Result], item: Item) -> tuple[Result | None, str]:
+    try:
+        return work(item), ""
+    except Exception:
+        return None, traceback.format_exc()
 
 
 def _begin(stop: Event) -> None:

@@ -80,6 +80,19 @@ class Trajectories:
         return self.states[..., 2]
 
 
+def fresh_folder(folder: Path) -> Path:
+    """Make ``folder``, unless something is in it already.
+
+    Raises:
+        RunExists: ``folder`` exists and is not empty.
+        OSError: ``folder`` cannot be made.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise RunExists(f"{folder} exists already; a run is never overwritten")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 def trajectory_sha256(samples: list[Sample]) -> str:
     """SHA-256 over all samples: two runs agree if and only if every bit of every sample does.
 
@@ -161,10 +174,7 @@ class Recording(Collected):
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         super().__init__(scenario)
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise RunExists(f"{folder} exists already; a run is never overwritten")
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+        self.folder = fresh_folder(folder)
         # What befalls robots the plant reports itself.
         self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
         (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")

@@ -215,21 +215,26 @@ def _lyapunov_claim(
     }
 
 
+def rejections(recording: Collected) -> dict[tuple[Any, Any, str], int]:
+    """How many messages each receiver refused, by receiver, source and reason."""
+    found: dict[tuple[Any, Any, str], int] = {}
+    for event in recording.events:
+        if event.kind == "rejected":
+            details = event.details
+            found[details["robot"], details["source"], details["reason"]] = details["times"]
+    return found
+
+
 def _messages(recording: Collected) -> dict[str, Any]:
     fates: dict[str, int] = {}
     for row in recording.link_rows:
         fates[row.fate] = fates.get(row.fate, 0) + 1
-    rejected: dict[tuple[Any, Any, str], int] = {}
-    for event in recording.events:
-        if event.kind == "rejected":
-            details = event.details
-            rejected[details["robot"], details["source"], details["reason"]] = details["times"]
     return {
         "sent": len({(r.source, r.destination, r.sequence) for r in recording.link_rows}),
         "fates": dict(sorted(fates.items())),
         "rejected": [
             {"robot": robot, "source": source, "reason": reason, "times": times}
-            for (robot, source, reason), times in rejected.items()
+            for (robot, source, reason), times in rejections(recording).items()
         ],
     }
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -14,6 +13,7 @@ from formation.loading import ScenarioError
 from formation.record import LinkRow, Sample
 from formation.scenario import Scenario
 from lab import verdict
+from lab.difference import first_difference
 from lab.execution import execute
 from lab.recording import Recording, read_links, read_states, trajectory_sha256
 from lab.run import (
@@ -51,23 +51,6 @@ class Recorded(NamedTuple):
         return min((round(t_s * 1e9) for t_s in unplanned), default=_UNTIL_THE_END)
 
 
-class Difference(NamedTuple):
-    """The first thing that differs: when, whose and what, and both values (None: missing)."""
-
-    t_ns: int
-    whose: str
-    what: str
-    recorded: object
-    again: object
-
-    def __str__(self) -> str:
-        """For people."""
-        return (
-            f"t = {self.t_ns / 1e9:.9g} s, {self.whose}, {self.what}: recorded "
-            f"{self.recorded!r}, again {self.again!r}"
-        )
-
-
 def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
     """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all."""
     console = Console(highlight=False)
@@ -102,10 +85,17 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
                       + escape(outcome.reason), soft_wrap=True)  # fmt: skip
         return BROKEN
     until_ns = recorded.planned_until_ns
-    found = compare(recorded, again.samples, again.sorted_link_rows, until_ns)
+    whole = until_ns == _UNTIL_THE_END
+    found = first_difference(
+        _before(recorded.samples, until_ns), _before(again.samples, until_ns),
+        recorded.scenario.clock.control_period_ns,
+    )  # fmt: skip
+    if whole and found is None:  # what becomes of messages depends on what comes after
+        found = first_difference(
+            recorded.links, again.sorted_link_rows, recorded.scenario.clock.control_period_ns
+        )
     claimed = recorded.verdict["trajectory_sha256"]
     sealed = trajectory_sha256(recorded.samples) == claimed
-    whole = until_ns == _UNTIL_THE_END
     extent = "" if whole else f" up to t = {until_ns / 1e9:g} s, where something unplanned happened"
     name = escape(str(folder))
     if found is None and sealed:
@@ -121,7 +111,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
         console.print("  states.parquet is not what verdict.json has the SHA-256 of: it was "
                       "changed after the run", soft_wrap=True)  # fmt: skip
     if found is not None:
-        console.print(f"  first at {escape(str(found))}", soft_wrap=True)
+        console.print(f"  first at {escape(str(found))} (recorded, and again)", soft_wrap=True)
         for line in _other_versions(recorded.verdict):
             console.print(f"  {escape(line)}", soft_wrap=True)
     return ONE_FAILS
@@ -149,43 +139,8 @@ def read(folder: Path) -> Recorded:
         raise Unreadable(f"states.parquet or links.parquet cannot be read: {error}") from None
 
 
-def compare(
-    recorded: Recorded, samples: Sequence[Sample], links: Sequence[LinkRow], until_ns: int
-) -> Difference | None:
-    """The first difference between a record and another run, before ``until_ns``.
-
-    What became of messages is compared only if the record is whole: it depends on what
-    came after.
-    """
-    pairs = zip_longest(_before(recorded.samples, until_ns), _before(samples, until_ns))
-    for old, new in pairs:
-        if old != new:
-            return _between(old, new, "robot {0.robot}".format)
-    if until_ns < _UNTIL_THE_END:
-        return None
-    for old, new in zip_longest(recorded.links, links):
-        if old != new:
-            what = "message {0.sequence} from {0.source} to {0.destination}".format
-            return _between(old, new, what)
-    return None
-
-
 def _before(samples: Sequence[Sample], until_ns: int) -> list[Sample]:
     return [sample for sample in samples if sample.t_ns < until_ns]
-
-
-def _between(old: Any, new: Any, whose: Callable[[Any], str]) -> Difference:
-    """How two rows differ, either of which may be missing."""
-    some = new if old is None else old
-    t_ns = some[0]
-    if old is None or new is None:
-        return Difference(t_ns, whose(some), "the whole row", old, new)
-    if (old[0], whose(old)) != (new[0], whose(new)):
-        first = min(old, new, key=lambda row: row[0])
-        missing = (None, new) if first is new else (old, None)
-        return Difference(first[0], whose(first), "the whole row", *missing)
-    field = next(name for name in old._fields if getattr(old, name) != getattr(new, name))
-    return Difference(t_ns, whose(old), field, getattr(old, field), getattr(new, field))
 
 
 def _other_versions(judged: Mapping[str, Any]) -> list[str]:

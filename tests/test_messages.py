@@ -30,6 +30,7 @@ from formation.messages import (
     Waiting,
     decode,
     encode,
+    sealed,
 )
 from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 
@@ -133,10 +134,10 @@ FIELDS = ["run", 3, 17, 170, 1.5, -2.5, 0.25, 3.5, -0.5]
 )
 def test_broadcast_with_a_wrong_type_is_malformed(place, value):
     fields = [*FIELDS]
-    assert Broadcast.unpack(msgpack.packb(fields)).run == "run"
+    assert Broadcast.unpack(sealed(msgpack.packb(fields))).run == "run"
     fields[place] = value
     with pytest.raises(MessageError, match="malformed"):
-        Broadcast.unpack(msgpack.packb(fields))
+        Broadcast.unpack(sealed(msgpack.packb(fields)))
 
 
 @pytest.mark.parametrize("value", [math.nan, -math.nan, math.inf, -math.inf])
@@ -145,13 +146,13 @@ def test_broadcast_that_is_not_finite_is_refused(place, value):
     fields = [*FIELDS]
     fields[place] = value
     with pytest.raises(MessageError, match="not finite"):
-        Broadcast.unpack(msgpack.packb(fields))
+        Broadcast.unpack(sealed(msgpack.packb(fields)))
 
 
 def test_opposite_infinities_do_not_cancel():
     fields = [*FIELDS[:4], math.inf, -math.inf, 0.0, 0.0, 0.0]
     with pytest.raises(MessageError, match="not finite"):
-        Broadcast.unpack(msgpack.packb(fields))
+        Broadcast.unpack(sealed(msgpack.packb(fields)))
 
 
 @pytest.mark.parametrize(
@@ -160,17 +161,32 @@ def test_opposite_infinities_do_not_cancel():
 )
 def test_broadcast_of_another_shape_is_malformed(content):
     with pytest.raises(MessageError, match="malformed"):
-        Broadcast.unpack(msgpack.packb(content))
+        Broadcast.unpack(sealed(msgpack.packb(content)))
 
 
-def test_broadcast_cut_short_or_with_something_after_it_is_malformed():
+def test_broadcast_cut_short_or_with_something_after_it_is_refused():
     data = GOOD.pack()
     for cut in range(len(data)):
-        with pytest.raises(MessageError, match="malformed"):
+        with pytest.raises(MessageError, match="damaged"):
             Broadcast.unpack(data[:cut])
-    for extra in (b"\x00", b"\xc0", data):
+    for cut in range(len(data) - 4):
         with pytest.raises(MessageError, match="malformed"):
+            Broadcast.unpack(sealed(data[:cut]))
+    for extra in (b"\x00", b"\xc0", data):
+        with pytest.raises(MessageError, match="damaged"):
             Broadcast.unpack(data + extra)
+        with pytest.raises(MessageError, match="malformed"):
+            Broadcast.unpack(sealed(data[:-4] + extra))
+
+
+@given(broadcasts, st.data())
+def test_a_broadcast_with_one_wrong_bit_is_refused(broadcast, data):
+    """Some of them would still be finite states of the right robot, and absurd."""
+    packed = bytearray(broadcast.pack())
+    bit = data.draw(st.integers(0, 8 * len(packed) - 1))
+    packed[bit // 8] ^= 1 << bit % 8
+    with pytest.raises(MessageError, match="damaged"):
+        Broadcast.unpack(bytes(packed))
 
 
 @pytest.mark.parametrize("size", [0, 1, 8, 23, 25, 48])
@@ -248,9 +264,13 @@ HOSTILE = [
 
 def survives(data):
     """Every decoder takes ``data`` or raises MessageError, and takes only what it can encode."""
-    for unpack, kind in ((Broadcast.unpack, Broadcast), (Envelope.unpack, Envelope)):
+    for unpack, kind, some in (
+        (Broadcast.unpack, Broadcast, data),
+        (Broadcast.unpack, Broadcast, sealed(data)),
+        (Envelope.unpack, Envelope, data),
+    ):
         try:
-            message = unpack(data)
+            message = unpack(some)
         except MessageError:
             continue
         assert type(message) is kind

@@ -28,6 +28,7 @@ from formation.messages import (
     State,
     decode,
     encode,
+    sealed,
 )
 from netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
 
@@ -407,11 +408,12 @@ GOOD_NOTE = Envelope(LEFT, 3, 3).pack()
 NAN_STATE = State(0.0, math.nan, 0.0, 0.0, 0.0)
 
 PAYLOADS = [
-    (b"", "malformed"),
-    (b"\xff\x00garbage", "malformed"),
-    (msgpack.packb([RUN, LEFT, 3]), "malformed"),
-    (msgpack.packb([RUN, LEFT, 3, 3 * MS, 0, 0, 0, 0, 0]), "malformed"),
-    (broadcast()[:-1], "malformed"),
+    (b"", "damaged"),
+    (b"\xff\x00garbage", "damaged"),
+    (broadcast()[:-1], "damaged"),
+    (sealed(b"\xff\x00garbage"), "malformed"),
+    (sealed(msgpack.packb([RUN, LEFT, 3])), "malformed"),
+    (sealed(msgpack.packb([RUN, LEFT, 3, 3 * MS, 0, 0, 0, 0, 0])), "malformed"),
     (broadcast(state=NAN_STATE), "not finite"),
     (broadcast(state=NAN_STATE._replace(y_m=math.inf)), "not finite"),
     (broadcast(run="another"), "another run"),

@@ -222,7 +222,10 @@ def test_unknown_law_is_a_bad_scenario():
         main, ["check", str(PAPER / "section5.toml"), "--set", "law.kind=mine"]
     )
     assert result.exit_code == 2
-    assert "law.kind = 'mine': no law 'mine' is installed (installed: cooperative, leader_follower)" in result.output
+    assert (
+        "law.kind = 'mine': no law 'mine' is installed (installed: cooperative, leader_follower)"
+        in result.output
+    )
 
 
 def test_existing_run_is_never_overwritten(tmp_path):

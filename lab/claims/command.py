@@ -26,7 +26,7 @@ from lab.claims.claim import Case, Claim
 from lab.claims.results import BROKEN, EQUATIONS, FAILS, HOLDS, OBSERVED, Result, Row
 from lab.execution import execute
 from lab.links_table import output
-from lab.recording import Collected, Recording
+from lab.recording import Collected, Recording, fresh_folder
 from lab.run import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS
 from lab.run import BROKEN as RUN_BROKE
 from lab.signals import stop_signals
@@ -58,11 +58,8 @@ def run_claims(
         console.print(f"[red]--only:[/] {escape(unmatched[0])} matches no claim ({keys})")
         return BAD_INPUT
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    folder = out or Path("runs") / f"claims-{stamp}"
     try:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise FileExistsError(f"{folder} exists already; results are never overwritten")
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = fresh_folder(out or Path("runs") / f"claims-{stamp}")
         if into is not None:
             report.put_into(into, "")
     except (OSError, report.NoBlock) as error:

@@ -1,0 +1,197 @@
+"""``formnet nemesis``: random schedules against a scenario, and what fails made small."""
+
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from formation.loading import ScenarioError, dumps
+from formation.scenario import Scenario
+from lab import pool
+from lab.nemesis.schedule import Episode, describe, draw, scheduled
+from lab.nemesis.shrink import shrunk
+from lab.nemesis.trial import Finding, Trial, tried
+from lab.recording import fresh_folder
+from lab.run import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, load_checked, report_problems
+from lab.signals import stop_signals
+
+SAMPLE_EVERY = 10
+"""Of inline runs, every so many-th is run twice; every distributed one is run inline as well."""
+CHAOS_SHARE = 0.25
+"""The share of a run in which things go wrong; the rest is for recovery."""
+MOST_TRIALS = 150
+"""How many runs shrinking may take."""
+
+
+def run_nemesis(
+    path: Path, overrides: tuple[str, ...], runs: int, seed: int, out: Path | None,
+    limit_s: float, jobs: int | None, *, inline: bool,
+) -> int:  # fmt: skip
+    """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
+    console = Console(stderr=True, highlight=False)
+    try:
+        scenario = load_checked(path, overrides)
+    except ScenarioError as error:
+        report_problems(console, error)
+        return BAD_INPUT
+    refused = _unfit(scenario)
+    if refused is not None:
+        console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
+        return BAD_INPUT
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    try:
+        folder = fresh_folder(out or Path("runs") / f"nemesis-{stamp}")
+    except OSError as error:
+        console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
+        return BAD_INPUT
+    trials = [
+        Trial(
+            scenario, number, draw(scenario, number, CHAOS_SHARE * scenario.duration_s),
+            inline, not inline or number % SAMPLE_EVERY == 0, limit_s,
+        )
+        for number in range(seed, seed + runs)
+    ]  # fmt: skip
+    repeat = _repeat(path, overrides, inline=inline)
+    done: dict[int, Finding] = {}
+    with stop_signals() as stopped:
+        for trial, finding in _all(console, trials, jobs, stopped.is_set, inline=inline):
+            if stopped.is_set():
+                break
+            done[trial.seed] = finding
+            if finding.problems:
+                _report(console, folder, trial, finding, repeat, stopped.is_set)
+    _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
+    _summarise(console, folder, trials, done)
+    if len(done) < len(trials):
+        return INTERRUPTED
+    return ONE_FAILS if any(finding.problems for finding in done.values()) else ALL_HOLD
+
+
+def _unfit(scenario: Scenario) -> str | None:
+    """Why a scenario is none for the nemesis, or None."""
+    if scenario.timeline:
+        return "timeline: must be empty: the nemesis makes its own"
+    if scenario.run.on_unscheduled_loss == "abort":
+        return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
+    if not scenario.directed_links:
+        return "formation.edges = []: needs an edge: what fails is links, too"
+    expect = scenario.expect
+    if expect is None or not (expect.formation or expect.heading or expect.centroid):
+        return "expect: must claim formation, heading or centroid, to say what recovery is"
+    return None
+
+
+def _repeat(path: Path, overrides: Sequence[str], *, inline: bool) -> str:
+    """The command that repeats one run, up to its seed."""
+    words = ["formnet nemesis", str(path), *(f"--set '{text}'" for text in overrides)]
+    return " ".join([*words, *(["--inline"] if inline else []), "--runs 1 --seed"])
+
+
+def _all(
+    console: Console, trials: Sequence[Trial], jobs: int | None, stopped: Callable[[], bool],
+    *, inline: bool,
+) -> Iterator[tuple[Trial, Finding]]:  # fmt: skip
+    bar = Progress(
+        BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.description}"),
+        console=console,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=len(trials))
+        found: Iterator[tuple[Trial, Finding]]
+        if inline:
+            found = pool.each(_tried_in_worker, trials, jobs or os.cpu_count() or 1, stopped)
+        else:  # every run has all cores
+            found = ((trial, tried(trial, stopped, bar.refresh)) for trial in trials)
+        for trial, finding in found:
+            bar.update(task, advance=1, description=f"seed {trial.seed}")
+            yield trial, finding
+            if stopped():
+                return
+
+
+def _tried_in_worker(trial: Trial) -> Finding:
+    return tried(trial, pool.stop_wanted)
+
+
+def _report(
+    console: Console, folder: Path, trial: Trial, finding: Finding, repeat: str,
+    stopped: Callable[[], bool],
+) -> None:  # fmt: skip
+    """Say what failed and how to repeat it, then shrink it and write that down."""
+    console.print(f"[red]seed {trial.seed} fails:[/]")
+    for problem in finding.problems:
+        console.print(f"  {escape(problem)}", soft_wrap=True)
+    console.print(f"  repeat it: {escape(repeat)} {trial.seed}", soft_wrap=True)
+    least = _shrunk(trial, stopped)
+    place = folder / f"seed-{trial.seed}"
+    place.mkdir()
+    for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
+        scenario = scheduled(trial.scenario, trial.seed, episodes)
+        (place / f"{name}.toml").write_text(dumps(scenario), encoding="utf-8")
+    lines = list(describe(least))
+    text = "\n".join([*finding.problems, "", "shrunk to:", *lines])
+    (place / "problems.txt").write_text(text + "\n", encoding="utf-8")
+    console.print(f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
+                  f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
+    for line in lines or ["(none: it fails without any)"]:
+        console.print(f"    {escape(line)}", soft_wrap=True)
+
+
+def _shrunk(trial: Trial, stopped: Callable[[], bool]) -> list[Episode]:
+    """The least of a failing schedule that fails, in one process if it does so there too."""
+    trials = 0
+
+    def fails(episodes: Sequence[Episode], *, inline: bool) -> bool:
+        nonlocal trials
+        trials += 1
+        if trials > MOST_TRIALS or stopped():
+            return False
+        smaller = trial._replace(episodes=episodes, inline=inline, twice=True)
+        return bool(tried(smaller, stopped).problems) and not stopped()
+
+    inline = trial.inline or fails(trial.episodes, inline=True)
+
+    def shorter(episode: Episode) -> Episode | None:
+        return episode.shorter() if episode.end_s - episode.begin_s > 0.02 else None
+
+    return shrunk(trial.episodes, lambda some: fails(some, inline=inline), shorter)
+
+
+def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:
+    rows: list[dict[str, Any]] = [
+        {
+            "seed": trial.seed,
+            "mode": "inline" if trial.inline else "distributed",
+            "run_twice": trial.twice,
+            "episodes": [episode.entries()[0] for episode in trial.episodes],
+            **finding._asdict(),
+        }
+        for trial, finding in done
+    ]
+    text = json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "nemesis.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _summarise(
+    console: Console, folder: Path, trials: Sequence[Trial], done: dict[int, Finding]
+) -> None:
+    tried_seeds = [trial for trial in trials if trial.seed in done]
+    if tried_seeds:
+        failed = [seed for seed, finding in sorted(done.items()) if finding.problems]
+        kinds = Counter(e.action["action"] for trial in tried_seeds for e in trial.episodes)
+        twice = sum(trial.twice for trial in tried_seeds)
+        told = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+        console.print(
+            f"{len(tried_seeds)} runs, seeds {tried_seeds[0].seed} to {tried_seeds[-1].seed} "
+            f"({told}); {twice} of them run twice and compared: "
+            + (f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}" if failed
+               else "[green]all terminate, are consistent and recover[/]"), soft_wrap=True,
+        )  # fmt: skip
+    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)

@@ -1,0 +1,114 @@
+"""One run under a schedule: what is wrong with it, if anything."""
+
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any, NamedTuple
+
+from formation.scenario import Scenario
+from lab import verdict
+from lab.difference import first_difference
+from lab.execution import execute
+from lab.nemesis.consistency import inconsistencies
+from lab.nemesis.schedule import Episode, scheduled
+from lab.recording import Collected, Recording, trajectory_sha256
+
+
+class Trial(NamedTuple):
+    """A run to do. ``twice``: it is run once more, in one process, and must give the same.
+
+    ``limit_s`` is how long it may take on the wall.
+    """
+
+    scenario: Scenario
+    seed: int
+    episodes: Sequence[Episode]
+    inline: bool
+    twice: bool
+    limit_s: float
+
+
+class Finding(NamedTuple):
+    """How a run ended: ``problems`` in words, none if all is well."""
+
+    problems: list[str]
+    trajectory_sha256: str
+    errors: dict[str, float | None]
+    seconds: float
+
+
+def tried(
+    trial: Trial, stopped: Callable[[], bool], refresh: Callable[[], None] = lambda: None
+) -> Finding:
+    """Do the run, twice if asked, and see whether all is well."""
+    began = time.monotonic()
+    scenario = scheduled(trial.scenario, trial.seed, trial.episodes)
+    run = _run(scenario, trial.limit_s, stopped, refresh, inline=trial.inline)
+    problems = list(_problems(run, trial.limit_s))
+    if trial.twice and not problems:
+        again = _run(scenario, trial.limit_s, stopped, refresh, inline=True)
+        problems += _differences(run, again)
+    judged = verdict.of(run, mode="inline" if trial.inline else "distributed", wall_s=0.0)
+    errors = {
+        claim: judged["claims"][claim]["largest_in_window"]
+        for claim in ("formation", "heading", "centroid")
+    }
+    if not problems:
+        problems += _not_recovered(judged)
+    seconds = time.monotonic() - began
+    return Finding(problems, trajectory_sha256(run.samples), errors, seconds)
+
+
+def _run(
+    scenario: Scenario, limit_s: float, stopped: Callable[[], bool], refresh: Callable[[], None],
+    *, inline: bool,
+) -> Collected:  # fmt: skip
+    deadline = time.monotonic() + limit_s
+
+    def over() -> bool:
+        return stopped() or time.monotonic() > deadline
+
+    folder = Path(mkdtemp(prefix="formnet-nemesis-"))
+    try:
+        recording = Recording(folder / "run", scenario)
+        execute(recording, recording, over, refresh, inline=inline)
+        recording.close()
+    finally:
+        shutil.rmtree(folder)
+    return recording
+
+
+def _problems(run: Collected, limit_s: float) -> list[str]:
+    outcome = run.outcome
+    assert outcome is not None
+    if outcome.kind == "interrupted":
+        return [f"did not end within {limit_s:g} s; it was at t = {outcome.t_ns / 1e9:.3f} s"]
+    if outcome.kind != "completed":
+        who = "" if outcome.robot is None else f" robot {outcome.robot}:"
+        return [f"ended as {outcome.kind} at t = {outcome.t_ns / 1e9:.3f} s:{who} {outcome.reason}"]
+    return list(inconsistencies(run))
+
+
+def _differences(first: Collected, second: Collected) -> list[str]:
+    """What differs between two runs of one scenario that must be the same."""
+    period_ns = first.scenario.clock.control_period_ns
+    found = first_difference(first.samples, second.samples, period_ns) or first_difference(
+        first.sorted_link_rows, second.sorted_link_rows, period_ns
+    )
+    problems = [] if found is None else [f"not deterministic: first at {found}"]
+    refused = [verdict.rejections(run) for run in (first, second)]
+    if refused[0] != refused[1]:
+        problems.append(f"not deterministic: refused messages {refused[0]} and {refused[1]}")
+    return problems
+
+
+def _not_recovered(judged: dict[str, Any]) -> list[str]:
+    return [
+        f"does not converge after the healing: {claim} "
+        f"{entry['largest_in_window']} in the last {judged['window_s']:g} s, "
+        f"tolerance {entry['tolerance']:g}"
+        for claim, entry in judged["claims"].items()
+        if entry["expected"] and not entry["observed"]
+    ]
