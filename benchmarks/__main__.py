@@ -8,12 +8,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import bridging, exchange, inline_speed, lateness, scaling, throughput
+from benchmarks import bridging, exchange, inline_speed, lateness, losses, scaling, throughput
 from benchmarks.helics_fed import CORE
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.table import BenchmarkError, Report, Row
 
-GROUPS = ("a", "b", "c", "d", "e", "f")
+GROUPS = ("a", "b", "c", "d", "e", "f", "g")
 
 
 def main() -> int:
@@ -54,7 +54,9 @@ def _measure(group: str, plan: Plan, folder: Path) -> list[Row]:
         return throughput.measure(plan)
     if group == "e":
         return lateness.measure(plan)
-    return bridging.measure(plan, folder)
+    if group == "f":
+        return bridging.measure(plan, folder)
+    return losses.measure(plan, folder)
 
 
 def _arguments() -> argparse.Namespace:
@@ -62,7 +64,8 @@ def _arguments() -> argparse.Namespace:
         prog="python -m benchmarks",
         description="Cost of formnet's lockstep against the bare Zenoh exchange and HELICS (a), "
         "inline speed (b), growth with the robots (c), a link's throughput (d) and its lateness "
-        "on the wall clock (e), and a bridge between Zenoh programs (f); one table.",
+        "on the wall clock (e), a bridge between Zenoh programs (f), and how long the others stand "
+        "still when a robot is lost (g); one table.",
     )
     parser.add_argument(
         "--ticks", type=_at_least(LEAST_TICKS), default=2000,
@@ -71,12 +74,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--rounds", type=_at_least(1), default=5, help="rounds (default %(default)s; c at most 3)"
     )
-    parser.add_argument("--skip-helics", action="store_true", help="leave HELICS out of a")
+    parser.add_argument("--skip-helics", action="store_true", help="leave HELICS out of a and g")
     parser.add_argument(
         "--helics-core", default=CORE, help="HELICS's core type (default %(default)s)"
     )
     parser.add_argument(
-        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d,e,f", help="only these"
+        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d,e,f,g", help="only these"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round here, too")
     return parser.parse_args()

@@ -28,7 +28,7 @@ def reported(commands: Mapping[str, Sequence[str]], logs: Path, *, limit_s: floa
     Raises:
         BenchmarkError: a child failed, or the number did not come within ``limit_s``.
     """
-    with _running(commands, logs) as children:
+    with running(commands, logs) as children:
         reporter = next(iter(children))
         deadline = time.monotonic() + limit_s
         while children[reporter].poll() is None:
@@ -49,7 +49,8 @@ def reported(commands: Mapping[str, Sequence[str]], logs: Path, *, limit_s: floa
 
 
 @contextmanager
-def _running(commands: Mapping[str, Sequence[str]], logs: Path) -> Iterator[dict[str, Child]]:
+def running(commands: Mapping[str, Sequence[str]], logs: Path) -> Iterator[dict[str, Child]]:
+    """All ``commands`` as processes; only the first one's standard output can be read."""
     logs.mkdir(parents=True, exist_ok=True)
     children: dict[str, Child] = {}
     try:

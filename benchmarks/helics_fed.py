@@ -31,13 +31,16 @@ As a program: one of these processes; :func:`tick_ms` starts them all.
 
 import argparse
 import importlib.util
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.children import reported
+from benchmarks.children import reported, running
+from benchmarks.table import BenchmarkError
 from benchmarks.wire import BROADCAST_EVERY, Wire, ring, wire
 from formation.bus import LOOPBACK
 from formation.process import on_stop
@@ -46,6 +49,10 @@ from lab.launch import free_port
 CORE = "zmq"
 START_S, TICK_S = 30.0, 0.05
 """An exchange may take this long to start, and this long per tick, before it is given up."""
+EXECUTING = "executing"
+"""What the plant's federate says, on standard error, when the exchange begins."""
+ABORT_AFTER_S, ABORT_S = 2.0, 120.0
+"""How long an exchange runs before one of it is killed, and may go on then."""
 _RUN = "section5-delay-abcdef"
 
 
@@ -64,6 +71,34 @@ def tick_ms(robots: int, ticks: int, logs: Path, *, core: str = CORE) -> float:
     Raises:
         BenchmarkError: a process failed or the exchange got stuck.
     """
+    commands = _commands(robots, ticks, core)
+    return reported(commands, logs, limit_s=START_S + TICK_S * ticks) / ticks * 1e3
+
+
+def abort_s(robots: int, logs: Path, *, core: str = CORE) -> float:
+    """Kill one robot of a running exchange; seconds until the plant's process ends by itself.
+
+    Raises:
+        BenchmarkError: it goes on for longer than ABORT_S.
+    """
+    with running(_commands(robots, 10**9, core), logs) as children:
+        deadline = time.monotonic() + START_S
+        while EXECUTING not in (logs / "helics-plant.log").read_text(encoding="utf-8"):
+            if time.monotonic() > deadline:
+                raise BenchmarkError("HELICS did not start")
+            time.sleep(0.1)
+        time.sleep(ABORT_AFTER_S)
+        children[f"helics-robot-{robots}"].kill()
+        began_s = time.monotonic()
+        try:
+            children["helics-plant"].wait(ABORT_S)
+        except subprocess.TimeoutExpired:
+            raise BenchmarkError(f"HELICS has not ended {ABORT_S:g} s after a kill") from None
+        return time.monotonic() - began_s
+
+
+def _commands(robots: int, ticks: int, core: str) -> dict[str, list[str]]:
+    """The processes of an exchange, the plant first."""
     common = [
         "benchmarks.helics_fed", "--core", core, "--port", str(free_port()),
         "--robots", str(robots), "--ticks", str(ticks),
@@ -71,7 +106,7 @@ def tick_ms(robots: int, ticks: int, logs: Path, *, core: str = CORE) -> float:
     commands = {"helics-plant": common}
     for robot in range(1, robots + 1):
         commands[f"helics-robot-{robot}"] = [*common, "--robot", str(robot)]
-    return reported(commands, logs, limit_s=START_S + TICK_S * ticks) / ticks * 1e3
+    return commands
 
 
 def _plant(federate: Any, messages: Wire, robots: int, ticks: int) -> float:
@@ -82,6 +117,7 @@ def _plant(federate: Any, messages: Wire, robots: int, ticks: int) -> float:
     senses = [_publication(federate, f"sense/{robot}") for robot in ids]
     drives = [helics.helicsFederateRegisterSubscription(federate, f"drive/{r}", "") for r in ids]
     helics.helicsFederateEnterExecutingMode(federate)
+    print(EXECUTING, file=sys.stderr, flush=True)
     started_s = time.perf_counter()
     for tick in range(ticks):
         for sense in senses:

@@ -39,6 +39,7 @@ class Keys:
     def __init__(self, run: str) -> None:
         self._prefix = f"formnet/{run}"
         self.from_robots = f"{self._prefix}/from-robot/*"
+        self.broadcasts = f"{self._prefix}/broadcast/*"
         self.robots_alive = f"{self._prefix}/alive/robot/*"
         self.plant_alive = f"{self._prefix}/alive/plant"
 

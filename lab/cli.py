@@ -248,6 +248,13 @@ def agent(robot: int, connect: str, run_name: str, leash: bool) -> None:
 @click.option(
     "--record", metavar="FILE", help="Write the record stream here; - for standard output."
 )
+@click.option(
+    "--start-patience",
+    "start_patience_s",
+    type=click.FloatRange(1.0),
+    metavar="SECONDS",
+    help="End the run if no robot gets further for so long before the first tick  [default: wait]",
+)
 @RUN
 @LEASH
 @OVERRIDE
@@ -255,6 +262,7 @@ def plant(
     scenario: Path,
     listen: str,
     record: str | None,
+    start_patience_s: float | None,
     run_name: str,
     leash: bool,
     overrides: tuple[str, ...],
@@ -271,7 +279,12 @@ def plant(
     try:
         sys.exit(
             plant_main(
-                loaded, run=run_name, listen=listen, record=record, stop_at_end_of_input=leash
+                loaded,
+                run=run_name,
+                listen=listen,
+                record=record,
+                stop_at_end_of_input=leash,
+                start_patience_s=start_patience_s,
             )
         )
     except (BusError, OSError) as error:

@@ -21,6 +21,7 @@ from pathlib import Path
 from formation.bus import LOOPBACK
 from formation.record import Event, Outcome, Samples, Sink, read
 from formation.scenario import Scenario
+from plant.process import START_PATIENCE_S
 
 GRACE_S = 1.5
 """How long children have to end by themselves before they are killed."""
@@ -32,7 +33,7 @@ class Launch:
     """The processes of one run; the plant's records go to ``sink`` on a thread of its own.
 
     ``scenario_file`` is what the plant reads, ``name`` the run's id on the bus,
-    ``logs`` where each child's standard error goes.
+    ``logs`` where each child's standard error goes. ``endpoint`` is where the plant listens.
     """
 
     def __init__(
@@ -49,10 +50,12 @@ class Launch:
         self._lives: Counter[int] = Counter()
         self._common = common = ["--run", name, "--leash"]
         logs.mkdir(parents=True, exist_ok=True)
-        self._endpoint = endpoint = f"tcp/{LOOPBACK}:{free_port()}"
+        self.endpoint = endpoint = f"tcp/{LOOPBACK}:{free_port()}"
         self.plant = self._spawn(
-            "plant", ["plant", str(scenario_file), "--listen", endpoint, "--record", "-", *common]
-        )
+            "plant",
+            ["plant", str(scenario_file), "--listen", endpoint, "--record", "-",
+             "--start-patience", str(START_PATIENCE_S), *common],
+        )  # fmt: skip
         self.robots = {robot: self._spawn_robot(robot) for robot in scenario.ids}
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -159,7 +162,7 @@ class Launch:
         return f": {lines[-1]}" if lines else ""
 
     def _spawn_robot(self, robot: int) -> Child:
-        arguments = ["agent", "--robot", str(robot), "--connect", self._endpoint, *self._common]
+        arguments = ["agent", "--robot", str(robot), "--connect", self.endpoint, *self._common]
         return self._spawn(self._log_of(robot), arguments)
 
     def _log_of(self, robot: int) -> str:

@@ -15,6 +15,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from math import inf
 from typing import IO, Any, NamedTuple
 
 import zenoh
@@ -50,7 +51,7 @@ FAREWELL_S = 10.0
 HASTY_FAREWELL_S = 0.5
 """The same when the user has asked to stop."""
 START_PATIENCE_S = 30.0
-"""How long a restarted robot may take to be there, at least."""
+"""How long a started or restarted robot may take to be there, at least."""
 _FLUSH_TICKS = 100
 
 
@@ -94,10 +95,18 @@ class _Vanished(NamedTuple):
 
 
 class PlantProcess:
-    """Hosts run ``run`` of ``scenario`` on ``session`` and reports to ``sink``."""
+    """Hosts run ``run`` of ``scenario`` on ``session`` and reports to ``sink``.
 
-    def __init__(self, session: zenoh.Session, scenario: Scenario, run: str, sink: Sink) -> None:
+    If nothing new comes from the robots within ``start_patience_s`` before the first tick,
+    the run ends; None waits for as long as it takes.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, scenario: Scenario, run: str, sink: Sink,
+        start_patience_s: float | None = None,
+    ) -> None:  # fmt: skip
         self._scenario = scenario
+        self._start_patience_s = start_patience_s
         self._sink = sink
         self._world = World(scenario)
         self._inbox: queue.SimpleQueue[Message | Record | _Turn | _Vanished] = queue.SimpleQueue()
@@ -157,7 +166,12 @@ class PlantProcess:
         ready: set[int] = set()
         everyone = set(self._scenario.ids)
         patience = _Patience()
+        last_patience = _Patience(self._start_patience_s or inf)
         while ready != everyone:
+            if last_patience.lost((len(joined), len(ready))):
+                late = min(everyone - joined or everyone - ready)
+                what = "hear its neighbours" if late in joined else "join"
+                raise _Ended(self._outcome("lost", late, f"did not {what} in time"))
             if patience.lost((len(joined), len(ready))):
                 if joined != everyone:
                     self._complain("join", sorted(everyone - joined), set())
@@ -476,19 +490,21 @@ class PlantProcess:
 
 
 def main(
-    scenario: Scenario, *, run: str, listen: str, record: str | None, stop_at_end_of_input: bool
-) -> int:
+    scenario: Scenario, *, run: str, listen: str, record: str | None, stop_at_end_of_input: bool,
+    start_patience_s: float | None = None,
+) -> int:  # fmt: skip
     """Host a run; returns 0, or 3 if the run did not end by itself.
 
     ``record`` is the file for the record stream, ``-`` for standard output;
-    without it, only what happens is told, on standard error.
+    without it, only what happens is told, on standard error. ``start_patience_s`` is as in
+    :class:`PlantProcess`.
 
     Raises:
         BusError: ``listen`` cannot be used.
         OSError: ``record`` exists already or cannot be written.
     """
     with _sink(record) as sink, bus.session(listen=listen) as session:
-        plant = PlantProcess(session, scenario, run, sink)
+        plant = PlantProcess(session, scenario, run, sink, start_patience_s)
         on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
         outcome = plant.run()
     return 0 if outcome.kind in ("completed", "diverged") else 3
