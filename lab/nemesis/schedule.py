@@ -171,6 +171,19 @@ def _loss(random: Random, scenario: Scenario, begin_s: float, end_s: float) -> E
     return _on_network(random, scenario, begin_s, end_s, change)
 
 
+def _rising_loss(random: Random, scenario: Scenario, begin_s: float, end_s: float) -> Episode:
+    """A ramp of the loss; where links do not have independent loss, the loss changes at once."""
+    links = _links(random, scenario)
+    if any(scenario.link_settings(*link).loss.model != "random" for link in links):
+        return _loss(random, scenario, begin_s, end_s)
+    changed = _on_network(random, scenario, begin_s, end_s, {"loss": {}}, links)
+    return replace(changed, action={
+        "action": "ramp", "links": [list(link) for link in links],
+        "parameter": "loss.probability", "from_value": 0.0,
+        "to_value": round(random.random(), 3),
+    })  # fmt: skip
+
+
 def _disorder(random: Random, scenario: Scenario, begin_s: float, end_s: float) -> Episode:
     share = round(0.5 * random.random(), 3)
     changes = ({"duplicate": {"probability": share}}, {"corrupt": {"probability": share}})
@@ -178,10 +191,12 @@ def _disorder(random: Random, scenario: Scenario, begin_s: float, end_s: float) 
 
 
 def _on_network(
-    random: Random, scenario: Scenario, begin_s: float, end_s: float, change: dict[str, Any]
-) -> Episode:
+    random: Random, scenario: Scenario, begin_s: float, end_s: float, change: dict[str, Any],
+    links: list[tuple[int, int]] | None = None,
+) -> Episode:  # fmt: skip
     """Settings of some links change, and are what they were again."""
-    links = _links(random, scenario)
+    if links is None:
+        links = _links(random, scenario)
     tables = frozenset((*link, table) for link in links for table in change)
     mended = tuple(
         {"action": "network", "links": [[source, destination]], **{
@@ -197,7 +212,7 @@ def _on_network(
 
 _KINDS: dict[str, Callable[[Random, Scenario, float, float], Episode]] = {
     "kill": _kill, "pause": _pause, "cut": _cut, "partition": _partition, "delay": _delay,
-    "loss": _loss, "disorder": _disorder,
+    "loss": _loss, "rising loss": _rising_loss, "disorder": _disorder,
 }  # fmt: skip
 
 

@@ -1,0 +1,156 @@
+"""formnet verify: a run repeats to the bit, and whatever differs is named."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from formation.record import LinkRow, Sample
+from lab.claims.command import CONFIGS
+from lab.cli import main
+from lab.difference import first_difference
+
+SHORT = ("duration_s=0.5", "network.default.loss.probability=0.1")
+
+
+def formnet(*arguments):
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert "Traceback" not in result.output
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A short run of Section 5 in one process."""
+    out = tmp_path_factory.mktemp("verify") / "run"
+    sets = [part for text in SHORT for part in ("--set", text)]
+    formnet("run", CONFIGS / "paper" / "section5-delay.toml", "--inline", "--out", out, *sets)
+    return out
+
+
+@pytest.fixture
+def copy(recorded, tmp_path):
+    """One to tamper with."""
+    return Path(shutil.copytree(recorded, tmp_path / "copy"))
+
+
+def change(file, column, row, value):
+    table = pq.read_table(file)
+    values = table.column(column).to_pylist()
+    values[row] = value
+    place = table.schema.get_field_index(column)
+    field = table.schema.field(place)
+    pq.write_table(table.set_column(place, field, pa.array(values, field.type)), file)
+
+
+def test_a_run_is_identical(recorded):
+    code, said = formnet("verify", recorded)
+    assert code == 0
+    sha256 = json.loads((recorded / "verdict.json").read_text())["trajectory_sha256"]
+    assert "identical: 255 samples, 510 messages" in said
+    assert sha256 in said
+
+
+def test_a_changed_state_is_named(copy):
+    before = pq.read_table(copy / "states.parquet").column("heading_rad")[123].as_py()
+    change(copy / "states.parquet", "heading_rad", 123, before + 1e-15)
+    code, said = formnet("verify", copy)
+    assert code == 1
+    assert "states.parquet is not what verdict.json has the SHA-256 of" in said
+    assert "first at t = 0.24 s (tick 240), robot 4, heading_rad: " in said
+    assert f"{before + 1e-15!r} and {before!r} (recorded, and again)" in said
+
+
+def test_a_changed_message_is_named(copy):
+    change(copy / "links.parquet", "fate", 200, "lost: cut")
+    code, said = formnet("verify", copy)
+    assert code == 1
+    assert (
+        "first at t = 0.2 s (tick 200), message 20 from 1 to 2, fate: 'lost: cut' and 'deli" in said
+    )
+    assert "SHA-256" not in said
+
+
+def test_another_scenario_is_named_by_what_it_does_first(copy):
+    text = (copy / "scenario.toml").read_text().replace("beta = 10.0", "beta = 10.5")
+    (copy / "scenario.toml").write_text(text)
+    code, said = formnet("verify", copy)
+    assert code == 1
+    assert "first at t = 0 s (tick 0), robot 1, torque_right_nm: " in said
+
+
+def test_a_difference_tells_other_versions(copy):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["versions"]["numpy"] = "0.1"
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    assert "numpy" not in formnet("verify", copy)[1]  # identical all the same
+    change(copy / "states.parquet", "x_m", 0, 1.0)
+    assert "numpy: recorded with 0.1, now " in formnet("verify", copy)[1]
+
+
+def test_a_run_with_an_unplanned_loss_is_compared_up_to_it(copy):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["robots"]["lost"] = [{"t_s": 0.3, "robot": 2, "reason": "…", "tick": 300}]
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    change(copy / "links.parquet", "fate", 200, "lost: cut")  # depends on what came after
+    code, said = formnet("verify", copy)
+    assert code == 0
+    assert "identical up to t = 0.3 s, where something unplanned happened" in said
+    change(copy / "states.parquet", "x_m", 140, 1.0)
+    code, said = formnet("verify", copy)
+    assert code == 1
+    assert "first at t = 0.28 s (tick 280), robot 1, x_m: 1.0 and" in said
+
+
+def test_every_run_is_looked_at_and_the_gravest_counts(recorded, tmp_path):
+    code, said = formnet("verify", tmp_path / "none", recorded)
+    assert code == 2
+    assert "none: has no scenario.toml; formnet run leaves one" in said
+    assert "identical" in said
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "words"),
+    [
+        ("verdict.json", None, "has no verdict.json"),
+        ("verdict.json", "[]", "verdict.json is not a verdict"),
+        ("verdict.json", "{", "verdict.json is not a verdict"),
+        ("verdict.json", '{"outcome": {}}', "verdict.json is not a verdict: KeyError"),
+        ("states.parquet", "rubbish", "states.parquet or links.parquet cannot be read"),
+        ("links.parquet", None, "has no links.parquet"),
+        ("scenario.toml", "name = 3", "scenario.toml: name = 3"),
+    ],
+)
+def test_what_cannot_be_repeated_is_said(copy, file, content, words):
+    if content is None:
+        (copy / file).unlink()
+    else:
+        (copy / file).write_text(content)
+    code, said = formnet("verify", copy)
+    assert code == 2
+    assert words in said
+
+
+def sample(t_ns, robot, x=0.0):
+    return Sample(t_ns, robot, x, 0.0, 0.0, 0.0, 0.0, None, None)
+
+
+def test_first_difference():
+    rows = [sample(t, robot) for t in (0, 10, 20) for robot in (1, 2)]
+    assert first_difference(rows, list(rows), 10) is None
+    assert first_difference([], [], 10) is None
+    for place in range(len(rows)):
+        found = first_difference(rows, rows[:place] + rows[place + 1 :], 10)
+        assert (found.t_ns, found.tick, found.whose) == (
+            rows[place].t_ns, rows[place].t_ns // 10, f"robot {rows[place].robot}",
+        )  # fmt: skip
+        assert str(found).endswith("the whole row: something and nothing")
+        changed = [*rows[:place], rows[place]._replace(x_m=1.0), *rows[place + 1 :]]
+        found = first_difference(rows, changed, 10)
+        assert (found.what, found.first, found.second) == ("x_m", 0.0, 1.0)
+    links = [LinkRow(0, 5, 1, 2, 0, "delivered"), LinkRow(10, None, 1, 2, 1, "in flight")]
+    assert first_difference(links, links[:1], 10).whose == "message 1 from 1 to 2"
