@@ -126,11 +126,11 @@ def lyapunov(recording: Recording, found: Curve) -> Figure:
     scenario = recording.scenario
     figure = blank(9.0, 4.6)
     axes = figure.subplots()
-    smallest = np.finfo(float).tiny
+    v = np.where(found.v > 0.0, found.v, np.nan)  # nobody is up
     heard = np.argmax(found.whole) if found.whole.any() else len(found.v)
-    axes.semilogy(found.t_s[: heard + 1], np.maximum(found.v[: heard + 1], smallest), ls=":",
-                  color=COLOURS[0], label="V before all neighbours were heard")  # fmt: skip
-    axes.semilogy(found.t_s[heard:], np.maximum(found.v[heard:], smallest), color=COLOURS[0],
+    axes.semilogy(found.t_s[: heard + 1], v[: heard + 1], ls=":", color=COLOURS[0],
+                  label="V before all neighbours were heard")  # fmt: skip
+    axes.semilogy(found.t_s[heard:], v[heard:], color=COLOURS[0],
                   label=f"V, Eq. {equation(scenario)}")  # fmt: skip
     budget = np.where(np.isfinite(found.budget) & (found.budget > 0), found.budget, np.nan)
     axes.semilogy(found.t_s, budget, color="0.6", lw=0.9,
@@ -142,7 +142,7 @@ def lyapunov(recording: Recording, found: Curve) -> Figure:
     axes.set_xlabel("t (s)")
     axes.set_ylabel("V")
     axes.set_xlim(0.0, found.t_s[-1])
-    axes.legend(loc="upper right", fontsize=8)
+    axes.legend(loc="best", fontsize=8)
     return figure
 
 

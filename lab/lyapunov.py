@@ -270,7 +270,11 @@ class _Loop:
         ``powers`` are (n, robots), ``robust`` (n,); in each interval their larger end counts.
         """
         rates = [robust, *(_total(self.up, np.maximum(power, 0.0)) for power in powers)]
-        gains = np.diff(self.t_s) * sum(np.maximum(rate[:-1], rate[1:]) for rate in rates)
+        # Where robots go down or come back, what follows has no part in the interval before.
+        changes = (self.up[1:] != self.up[:-1]).any(axis=1)
+        gains = np.diff(self.t_s) * sum(
+            np.maximum(rate[:-1], np.where(changes, 0.0, rate[1:])) for rate in rates
+        )
         return np.concatenate(([0.0], np.where(np.isfinite(gains), gains, np.inf)))
 
     def _eta(self, *, stale: bool = False) -> "_Eta":

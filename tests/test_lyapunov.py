@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from agent.law import make, parameters
+from formation.loading import load
 from formation.messages import Stamped, State
 from formation.scenario import Scenario
 from lab import figures, inline, lyapunov, verdict
@@ -243,3 +244,17 @@ def test_without_the_paper_s_law_or_samples_there_is_no_v(paper):
     other = ran(paper("theorem4", "duration_s=0.1"))
     other.scenario = other.scenario.model_copy(update={"law": judged_law})
     assert lyapunov.curve(other) is None
+
+
+def test_no_budget_of_what_follows_hides_what_a_fault_does(root):
+    """Robots that come back bring their share of V, and their sampling begins only then."""
+    file = root / "configs" / "faults" / "every-fault.toml"
+    recording = ran(load(file, ["duration_s=8.5", COMPENSATED]))
+    curve, rises = found_in(recording)
+    causes = {cause for rise in rises for cause in rise.causes}
+    assert {"restart 1, 4 at 5 s", "restart 1 at 7 s", "restart 1, 2, 3, 4, 5 at 8.25 s"} <= causes
+    nobody = (curve.t_s >= 8.0) & (curve.t_s < 8.25)
+    assert (curve.v[nobody] == 0.0).all()
+    assert (curve.v[~nobody] > 0.0).all()
+    axes = figures.lyapunov(recording, curve).axes[0]
+    assert axes.get_ylim()[0] > 1e-6  # where nobody is up nothing is drawn
