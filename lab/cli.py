@@ -13,6 +13,12 @@ import click
 from lab.build import stale
 
 SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+INLINE_RUNS = click.option(
+    "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
+)
+JOBS = click.option(
+    "--jobs", type=click.IntRange(1), help="Inline runs at once  [default: one for each core]"
+)
 OVERRIDE = click.option(
     "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
@@ -70,10 +76,10 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 )
 @click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
 def verify(folders: tuple[Path, ...], distributed: bool) -> None:
-    """Run recorded runs again from their scenario.toml and compare every bit.
+    """Run recorded runs again; compare every bit.
 
-    Exit code 0: identical; 1: the first difference is named; 2: no run that could be repeated;
-    3: it could not be run again; 130: interrupted.
+    Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
+    2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
     """
     from lab.verify import verify_runs
 
@@ -81,7 +87,7 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
 
 
 @main.command()
-@click.option("--inline", is_flag=True, help="Every run in one process, as many at once as cores.")
+@INLINE_RUNS
 @click.option(
     "--only",
     multiple=True,
@@ -100,9 +106,7 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
     metavar="FILE",
     help="Put the table into FILE, between the comments that mark its place there.",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1), help="Inline runs at once  [default: one for each core]"
-)
+@JOBS
 def claims(
     inline: bool,
     only: tuple[str, ...],
@@ -111,7 +115,7 @@ def claims(
     into: Path | None,
     jobs: int | None,
 ) -> None:
-    """Run every claim of the paper and say of each whether it holds.
+    """Run every claim of the paper, judge each.
 
     Exit code 0: every one ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
     130: interrupted (what is complete is written).
@@ -132,7 +136,7 @@ def claims(
     show_default=True,
     help="Seed of the first run; each next one has the next.",
 )
-@click.option("--inline", is_flag=True, help="Every run in one process, as many at once as cores.")
+@INLINE_RUNS
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -147,9 +151,7 @@ def claims(
     metavar="SECONDS",
     help="A run that takes longer than this has hung.",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1), help="Inline runs at once  [default: one for each core]"
-)
+@JOBS
 def nemesis(
     scenario: Path,
     overrides: tuple[str, ...],
@@ -160,7 +162,7 @@ def nemesis(
     limit_s: float,
     jobs: int | None,
 ) -> None:
-    """Try to break SCENARIO.toml with random failures that are healed in the end.
+    """Break SCENARIO.toml with random failures.
 
     Robots are killed, restarted and paused, links are cut, partitioned, delayed and lossy in the
     first quarter of each run. Every run must end, keep its record consistent, give the same bits

@@ -1,51 +1,69 @@
-"""Independent pieces of work on several cores, each in a process of its own."""
+"""Many independent runs: on several cores or one after another, with a bar that shows how far."""
 
+import os
 import signal
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from typing import TypeVar
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Stopped = Callable[[], bool]
+Work = Callable[[Item, Stopped], Result]
+"""Does one item and looks now and then whether the user wants an end."""
 
 _stop: Event | None = None  # in a worker: set when the user wants an end
 
 
 class WorkFailed(RuntimeError):
-    """A piece of work raised; the text is its traceback. (Not every exception can travel.)"""
+    """A piece of work raised (the text is its traceback: not every exception can travel), or
+    its process died."""
 
 
-def each(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    jobs: int,
-    stopped: Callable[[], bool],
-    tick: Callable[[], None] = lambda: None,
+def in_turn(
+    work: Work[Item, Result], items: Iterable[Item], stopped: Stopped
 ) -> Iterator[tuple[Item, Result]]:
-    """``work`` on every item, at most ``jobs`` at a time; pairs come as they are done.
+    """``work`` on one item after another, in this process, until ``stopped`` says so."""
+    for item in items:
+        if stopped():
+            return
+        yield item, work(item, stopped)
 
-    Once ``stopped`` says so nothing more is begun, and what runs can see it by
-    :func:`stop_wanted`. ``tick`` is called about five times a second.
+
+def at_once(
+    work: Work[Item, Result], items: Sequence[Item], stopped: Stopped, jobs: int | None = None
+) -> Iterator[tuple[Item, Result]]:
+    """``work`` on ``jobs`` items at a time (None: one for each core), each in another process.
+
+    Pairs come as they are done. Once ``stopped`` says so nothing more is begun.
 
     Raises:
-        WorkFailed: ``work`` raised.
+        WorkFailed: ``work`` raised, or its process died.
     """
     context = get_context("spawn")
     stop = context.Event()
-    with ProcessPoolExecutor(jobs, context, initializer=_begin, initargs=(stop,)) as pool:
+    cores = os.cpu_count() or 1
+    with ProcessPoolExecutor(jobs or cores, context, initializer=_begin, initargs=(stop,)) as pool:
         try:
             running = {pool.submit(_guarded, work, item): item for item in items}
             while running:
                 done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
-                tick()
                 for future in done:
-                    item, (result, trouble) = running.pop(future), future.result()
+                    item = running.pop(future)
+                    try:
+                        results, trouble = future.result()
+                    except BrokenProcessPool:
+                        raise WorkFailed("a worker's process died (out of memory?)") from None
                     if trouble:
                         raise WorkFailed(trouble)
-                    yield item, result  # type: ignore[misc]
+                    yield item, results[0]
                 if stopped():
                     return
         finally:
@@ -53,16 +71,27 @@ def each(
             pool.shutdown(cancel_futures=True)
 
 
-def stop_wanted() -> bool:
-    """In a worker: whether the user wants an end."""
-    return _stop is not None and _stop.is_set()
+def shown(
+    console: Console, pairs: Iterable[tuple[Item, Result]], total: int, label: Callable[[Item], str]
+) -> Iterator[tuple[Item, Result]]:
+    """``pairs`` as they come, with a bar on ``console`` and the label of the one done last."""
+    columns = BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=total)
+        for item, result in pairs:
+            bar.update(task, advance=1, description=label(item))
+            yield item, result
 
 
-def _guarded(work: Callable[[Item], Result], item: Item) -> tuple[Result | None, str]:
+def _guarded(work: Work[Item, Result], item: Item) -> tuple[list[Result], str]:
     try:
-        return work(item), ""
+        return [work(item, _stop_wanted)], ""
     except Exception:
-        return None, traceback.format_exc()
+        return [], traceback.format_exc()
+
+
+def _stop_wanted() -> bool:
+    return _stop is not None and _stop.is_set()
 
 
 def _begin(stop: Event) -> None:

@@ -1,9 +1,8 @@
 """``formnet claims``: run every claim, print the table, write it down."""
 
 import json
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -13,7 +12,6 @@ from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from formation.loading import load
@@ -70,14 +68,22 @@ def run_claims(
         for claim in chosen
         for case in claim.cases
     ]
+    done: dict[tuple[str, str], Result] = {}
+    failed = None
     with stop_signals() as stopped:
-        done = _all(console, work, jobs, stopped.is_set, inline=inline)
+        try:
+            _do_all(console, work, done, jobs, stopped.is_set, inline=inline)
+        except pool.WorkFailed as error:
+            failed = str(error)
     rows = list(_rows(chosen, done))
     _write(folder, rows, mode="inline" if inline else "distributed")
     output().print(_table(rows))
     if into is not None and len(done) == len(work):
         report.put_into(into, report.markdown(rows))
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
+    if failed is not None:
+        console.print(f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}")
+        return RUN_BROKE
     if len(done) < len(work):
         console.print(f"interrupted after {len(done)} of {len(work)} runs")
         return INTERRUPTED
@@ -96,40 +102,31 @@ def list_claims() -> int:
     return ALL_HOLD
 
 
-def _all(
-    console: Console, work: Sequence[_Work], jobs: int | None, stopped: Callable[[], bool],
-    *, inline: bool,
-) -> dict[tuple[str, str], Result]:  # fmt: skip
-    """The results of all runs, by the keys of claim and case; fewer if stopped."""
-    done: dict[tuple[str, str], Result] = {}
-    bar = Progress(
-        BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.description}"),
-        console=console,
-    )  # fmt: skip
-    with bar:
-        task = bar.add_task("", total=len(work))
-        found: Iterator[tuple[_Work, Result]]
-        if inline:
-            # The longest first, so that no core is left with a long one at the end.
-            longest_first = sorted(work, key=lambda item: -_cost(item.case))
-            found = pool.each(_run_inline, longest_first, jobs or os.cpu_count() or 1, stopped)
-        else:  # every run has all cores
-            found = ((item, _run(item, stopped, bar.refresh)) for item in work)
-        for item, result in found:
-            if result.verdict["outcome"]["kind"] == "interrupted":
-                break
-            done[item.claim, item.case.name] = result
-            bar.update(task, advance=1, description=f"{item.claim}: {item.case.name}")
-            if not result.as_expected:
-                outcome = result.verdict["outcome"]
-                console.print(
-                    f"[red]not as predicted:[/] {item.claim}, {item.case.name} "
-                    f"({outcome['kind']}{escape(' ' + outcome['reason'])}), see "
-                    + escape(str(item.folder)), soft_wrap=True,
-                )  # fmt: skip
-            if stopped():
-                break
-    return done
+def _do_all(
+    console: Console, work: Sequence[_Work], done: dict[tuple[str, str], Result],
+    jobs: int | None, stopped: pool.Stopped, *, inline: bool,
+) -> None:  # fmt: skip
+    """Put the results of all runs into ``done``, by the keys of claim and case."""
+    if inline:  # the longest first, so that no core is left with a long one at the end
+        longest_first = sorted(work, key=lambda item: -_cost(item.case))
+        found = pool.at_once(_run, longest_first, stopped, jobs)
+    else:  # every run has all cores
+        found = pool.in_turn(_run, work, stopped)
+    for item, result in pool.shown(console, found, len(work), _label):
+        if result.verdict["outcome"]["kind"] == "interrupted":
+            return
+        done[item.claim, item.case.name] = result
+        if not result.as_expected:
+            outcome = result.verdict["outcome"]
+            console.print(
+                f"[red]not as predicted:[/] {_label(item)} "
+                f"({outcome['kind']}{escape(' ' + outcome['reason'])}), see "
+                + escape(str(item.folder)), soft_wrap=True,
+            )  # fmt: skip
+
+
+def _label(item: _Work) -> str:
+    return f"{item.claim}, {item.case.name}"
 
 
 def _cost(case: Case) -> float:
@@ -138,17 +135,11 @@ def _cost(case: Case) -> float:
     return len(scenario.ids) * scenario.duration_s
 
 
-def _run_inline(item: _Work) -> Result:
-    return _run(item, pool.stop_wanted)
-
-
-def _run(
-    item: _Work, stopped: Callable[[], bool], refresh: Callable[[], None] = lambda: None
-) -> Result:
+def _run(item: _Work, stopped: pool.Stopped) -> Result:
     """One run; what it recorded is kept if it did not end as it should."""
     recording = Recording(item.folder, _scenario(item.case))
     began = time.monotonic()
-    execute(recording, recording, stopped, refresh, inline=item.inline)
+    execute(recording, recording, stopped, inline=item.inline)
     seconds = time.monotonic() - began
     mode = "inline" if item.inline else "distributed"
     judged = verdict.of(recording, mode=mode, wall_s=seconds)

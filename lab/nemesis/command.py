@@ -1,16 +1,14 @@
 """``formnet nemesis``: random schedules against a scenario, and what fails made small."""
 
 import json
-import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from formation.loading import ScenarioError, dumps
 from formation.scenario import Scenario
@@ -19,7 +17,15 @@ from lab.nemesis.schedule import Episode, describe, draw, scheduled
 from lab.nemesis.shrink import shrunk
 from lab.nemesis.trial import Finding, Trial, tried
 from lab.recording import fresh_folder
-from lab.run import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, load_checked, report_problems
+from lab.run import (
+    ALL_HOLD,
+    BAD_INPUT,
+    BROKEN,
+    INTERRUPTED,
+    ONE_FAILS,
+    load_checked,
+    report_problems,
+)
 from lab.signals import stop_signals
 
 SAMPLE_EVERY = 10
@@ -60,15 +66,26 @@ def run_nemesis(
     ]  # fmt: skip
     repeat = _repeat(path, overrides, inline=inline)
     done: dict[int, Finding] = {}
+    failed = None
     with stop_signals() as stopped:
-        for trial, finding in _all(console, trials, jobs, stopped.is_set, inline=inline):
-            if stopped.is_set():
-                break
-            done[trial.seed] = finding
-            if finding.problems:
-                _report(console, folder, trial, finding, repeat, stopped.is_set)
+        if inline:
+            found = pool.at_once(tried, trials, stopped.is_set, jobs)
+        else:  # every run has all cores
+            found = pool.in_turn(tried, trials, stopped.is_set)
+        try:
+            for trial, finding in pool.shown(console, found, len(trials), "seed {0.seed}".format):
+                if stopped.is_set():
+                    break
+                done[trial.seed] = finding
+                if finding.problems:
+                    _report(console, folder, trial, finding, repeat, stopped.is_set)
+        except pool.WorkFailed as error:
+            failed = str(error)
     _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
     _summarise(console, folder, trials, done)
+    if failed is not None:
+        console.print(f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}")
+        return BROKEN
     if len(done) < len(trials):
         return INTERRUPTED
     return ONE_FAILS if any(finding.problems for finding in done.values()) else ALL_HOLD
@@ -94,35 +111,9 @@ def _repeat(path: Path, overrides: Sequence[str], *, inline: bool) -> str:
     return " ".join([*words, *(["--inline"] if inline else []), "--runs 1 --seed"])
 
 
-def _all(
-    console: Console, trials: Sequence[Trial], jobs: int | None, stopped: Callable[[], bool],
-    *, inline: bool,
-) -> Iterator[tuple[Trial, Finding]]:  # fmt: skip
-    bar = Progress(
-        BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.description}"),
-        console=console,
-    )  # fmt: skip
-    with bar:
-        task = bar.add_task("", total=len(trials))
-        found: Iterator[tuple[Trial, Finding]]
-        if inline:
-            found = pool.each(_tried_in_worker, trials, jobs or os.cpu_count() or 1, stopped)
-        else:  # every run has all cores
-            found = ((trial, tried(trial, stopped, bar.refresh)) for trial in trials)
-        for trial, finding in found:
-            bar.update(task, advance=1, description=f"seed {trial.seed}")
-            yield trial, finding
-            if stopped():
-                return
-
-
-def _tried_in_worker(trial: Trial) -> Finding:
-    return tried(trial, pool.stop_wanted)
-
-
 def _report(
     console: Console, folder: Path, trial: Trial, finding: Finding, repeat: str,
-    stopped: Callable[[], bool],
+    stopped: pool.Stopped,
 ) -> None:  # fmt: skip
     """Say what failed and how to repeat it, then shrink it and write that down."""
     console.print(f"[red]seed {trial.seed} fails:[/]")
@@ -144,7 +135,7 @@ def _report(
         console.print(f"    {escape(line)}", soft_wrap=True)
 
 
-def _shrunk(trial: Trial, stopped: Callable[[], bool]) -> list[Episode]:
+def _shrunk(trial: Trial, stopped: pool.Stopped) -> list[Episode]:
     """The least of a failing schedule that fails, in one process if it does so there too."""
     trials = 0
 

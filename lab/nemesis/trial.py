@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, NamedTuple
@@ -13,6 +13,7 @@ from lab.difference import first_difference
 from lab.execution import execute
 from lab.nemesis.consistency import inconsistencies
 from lab.nemesis.schedule import Episode, scheduled
+from lab.pool import Stopped
 from lab.recording import Collected, Recording, trajectory_sha256
 
 
@@ -39,16 +40,14 @@ class Finding(NamedTuple):
     seconds: float
 
 
-def tried(
-    trial: Trial, stopped: Callable[[], bool], refresh: Callable[[], None] = lambda: None
-) -> Finding:
+def tried(trial: Trial, stopped: Stopped) -> Finding:
     """Do the run, twice if asked, and see whether all is well."""
     began = time.monotonic()
     scenario = scheduled(trial.scenario, trial.seed, trial.episodes)
-    run = _run(scenario, trial.limit_s, stopped, refresh, inline=trial.inline)
+    run = _run(scenario, trial.limit_s, stopped, inline=trial.inline)
     problems = list(_problems(run, trial.limit_s))
     if trial.twice and not problems:
-        again = _run(scenario, trial.limit_s, stopped, refresh, inline=True)
+        again = _run(scenario, trial.limit_s, stopped, inline=True)
         problems += _differences(run, again)
     judged = verdict.of(run, mode="inline" if trial.inline else "distributed", wall_s=0.0)
     errors = {
@@ -61,10 +60,7 @@ def tried(
     return Finding(problems, trajectory_sha256(run.samples), errors, seconds)
 
 
-def _run(
-    scenario: Scenario, limit_s: float, stopped: Callable[[], bool], refresh: Callable[[], None],
-    *, inline: bool,
-) -> Collected:  # fmt: skip
+def _run(scenario: Scenario, limit_s: float, stopped: Stopped, *, inline: bool) -> Collected:
     deadline = time.monotonic() + limit_s
 
     def over() -> bool:
@@ -73,7 +69,7 @@ def _run(
     folder = Path(mkdtemp(prefix="formnet-nemesis-"))
     try:
         recording = Recording(folder / "run", scenario)
-        execute(recording, recording, over, refresh, inline=inline)
+        execute(recording, recording, over, inline=inline)
         recording.close()
     finally:
         shutil.rmtree(folder)

@@ -1,0 +1,63 @@
+"""Many pieces of work: at once and in turn, ended early, and failing."""
+
+import os
+import signal
+
+import pytest
+from rich.console import Console
+
+from lab import pool
+
+
+def squared(item, stopped):
+    return item * item
+
+
+def until_stopped(item, stopped):
+    if item == 0:
+        return "first"
+    while not stopped():
+        pass
+    return "stopped"
+
+
+class Unpicklable(Exception):
+    def __init__(self, one, two):
+        super().__init__(one)
+
+
+def failing(item, stopped):
+    raise Unpicklable("three is", "not good")
+
+
+def dying(item, stopped):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_every_item_is_done_once():
+    for found in (
+        pool.at_once(squared, range(20), lambda: False, 2),
+        pool.in_turn(squared, range(20), lambda: False),
+    ):
+        assert sorted(found) == [(n, n * n) for n in range(20)]
+
+
+def test_an_early_end_reaches_what_runs_and_begins_no_more():
+    done = []
+    for item, result in pool.at_once(until_stopped, range(50), lambda: bool(done), 2):
+        done.append((item, result))
+    assert done == [(0, "first")]
+    assert list(pool.in_turn(squared, range(3), lambda: True)) == []
+
+
+def test_what_goes_wrong_is_told():
+    with pytest.raises(pool.WorkFailed, match="Unpicklable: three is"):
+        list(pool.at_once(failing, [1], lambda: False, 1))
+    with pytest.raises(pool.WorkFailed, match="a worker's process died"):
+        list(pool.at_once(dying, [1], lambda: False, 1))
+
+
+def test_the_bar_passes_everything_on():
+    console = Console(file=open(os.devnull, "w"))  # noqa: SIM115
+    pairs = [(n, -n) for n in range(4)]
+    assert list(pool.shown(console, pairs, 4, str)) == pairs
