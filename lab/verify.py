@@ -80,7 +80,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
         again.close()
     if stopped():
         return INTERRUPTED
-    if outcome.kind not in ("completed", "diverged"):
+    if outcome.kind not in ("completed", "diverged", recorded.verdict["outcome"]["kind"]):
         console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
                       + escape(outcome.reason), soft_wrap=True)  # fmt: skip
         return BROKEN

@@ -272,9 +272,11 @@ def test_claims_are_run_judged_and_written_down(tmp_path):
     verdicts = sorted(path.parent.name for path in out.glob("cases/*/*/verdict.json"))
     assert verdicts == ["theorem-4", "theorem-6"]
     assert not list(out.glob("cases/*/*/*.parquet"))  # kept of runs that surprise
-    code, said = formnet("claims", "--inline", "--out", out)
+    before = readme.read_text()
+    code, said = formnet("claims", "--inline", "--out", out, "--into", readme)
     assert code == 2
     assert "exists already" in said
+    assert readme.read_text() == before
 
 
 @pytest.mark.parametrize(

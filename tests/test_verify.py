@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from formation.record import LinkRow, Sample
+from formation.record import LinkRow, Outcome, Sample
+from lab import verify
 from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.difference import first_difference
@@ -104,6 +105,33 @@ def test_a_run_with_an_unplanned_loss_is_compared_up_to_it(copy):
     code, said = formnet("verify", copy)
     assert code == 1
     assert "first at t = 0.28 s (tick 280), robot 1, x_m: 1.0 and" in said
+
+
+def test_a_run_that_ended_early_is_compared_up_to_there(copy):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["outcome"] |= {"kind": "interrupted", "t_s": 0.2}
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    code, said = formnet("verify", copy)
+    assert code == 0
+    assert "identical up to t = 0.2 s" in said
+
+
+def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_run(
+    copy, monkeypatch
+):
+    def failing(recording, sink, stopped, *, inline):
+        execute(recording, sink, stopped, inline=inline)
+        return Outcome("failed", 200_000_000, 3, "ValueError: no")
+
+    execute = verify.execute
+    monkeypatch.setattr(verify, "execute", failing)
+    code, said = formnet("verify", copy)
+    assert code == 3
+    assert "could not be run again: failed, ValueError: no" in said
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["outcome"] |= {"kind": "failed", "t_s": 0.2}
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    assert formnet("verify", copy)[0] == 0
 
 
 def test_every_run_is_looked_at_and_the_gravest_counts(recorded, tmp_path):

@@ -59,7 +59,7 @@ def run_claims(
     try:
         folder = fresh_folder(out or Path("runs") / f"claims-{stamp}")
         if into is not None:
-            report.put_into(into, "")
+            report.around(into)  # before the work, not after it
     except (OSError, report.NoBlock) as error:
         console.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT

@@ -77,16 +77,22 @@ def as_json(rows: Sequence[Row], *, mode: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def put_into(file: Path, table: str) -> None:
-    """Replace what stands between BEGIN and END in ``file``.
+def around(file: Path) -> tuple[str, str]:
+    """What stands before and after the place for the table in ``file``.
 
     Raises:
-        NoBlock: they are not there, once each and in this order.
-        OSError: the file cannot be read or written.
+        NoBlock: BEGIN and END are not there, once each and in this order.
+        OSError: the file cannot be read.
     """
     text = file.read_text(encoding="utf-8")
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end or BEGIN in after or END in after:
         raise NoBlock(f"{file} must have one line {BEGIN} and after it one line {END}")
+    return before, after
+
+
+def put_into(file: Path, table: str) -> None:
+    """Replace what stands between BEGIN and END in ``file``; raises as :func:`around`."""
+    before, after = around(file)
     file.write_text(f"{before}{BEGIN}\n{table}{END}{after}", encoding="utf-8")
