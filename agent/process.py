@@ -27,6 +27,7 @@ from formation.messages import (
     KILL,
     PROTOCOL,
     Brief,
+    CatchUp,
     End,
     Envelope,
     Failed,
@@ -50,7 +51,8 @@ RETRY_S = 0.05
 PATIENCE_S = 0.25
 """A robot that waits for neighbours says so within twice this, before the plant complains."""
 CATCH_UP_S = 2.0
-"""How long messages may take that are there already, behind a robot's back, when it ends."""
+"""How long nothing may come before a robot that ends gives up on messages that should be there."""
+_POLL_S = 0.005
 _FLUSH_ROWS = 200
 
 
@@ -130,13 +132,17 @@ class RobotProcess:
 
     def _catch_up(self, robot: Robot, tick: int) -> None:
         """Take in what was sent up to ``tick``: one that was paused has not yet."""
-        deadline = time.monotonic() + CATCH_UP_S
-        while time.monotonic() < deadline:
+        arrivals, since = robot.arrivals, time.monotonic()
+        while time.monotonic() - since < CATCH_UP_S:
             with self._lock:
                 if not robot.lacking(tick):
                     return
+                if robot.arrivals != arrivals:
+                    arrivals, since = robot.arrivals, time.monotonic()
             with suppress(queue.Empty):
-                self._inbox.get(timeout=0.01)
+                message = self._inbox.get(timeout=_POLL_S)
+                if isinstance(message, Gone):
+                    self._lose(message)
 
     def _until_told(self, kind: type[Message]) -> None:
         while not isinstance(self._inbox.get(), kind):
@@ -179,20 +185,30 @@ class RobotProcess:
     def _attend(self, robot: Robot) -> Any:
         """Wait for the end; meanwhile say for whom the robot waits, if it does."""
         last: int | None = None
+        asked: CatchUp | None = None
         while True:
             try:
-                message = self._inbox.get(timeout=PATIENCE_S)
+                message = self._inbox.get(timeout=_POLL_S if asked else PATIENCE_S)
             except queue.Empty:
+                message = None
+            if asked is not None:
+                with self._lock:
+                    caught_up = not robot.lacking(asked.tick)
+                if caught_up:
+                    self._send(asked)
+                    asked = None
+            if message is None:
                 with self._lock:
                     tick, awaited = robot.pending_tick, robot.awaited()
                 if tick is not None and tick == last and awaited:
                     self._send(Waiting(self._id, tick, awaited))
                 last = tick
-                continue
-            if isinstance(message, End | Failed):
+            elif isinstance(message, End | Failed):
                 return message
-            if isinstance(message, Gone):
+            elif isinstance(message, Gone):
                 self._lose(message)
+            elif isinstance(message, CatchUp):
+                asked = message
             elif isinstance(message, Meet):
                 self._heard.difference_update(message.neighbours)
                 self._started.clear()
@@ -235,12 +251,12 @@ class RobotProcess:
         try:
             with self._lock:
                 outgoing, drive = robot.on_sense(message)
+                if outgoing is not None:  # first: one that dies in between blocks nobody
+                    broadcast.put(outgoing.payload, attachment=outgoing.envelope.pack())
                 if drive is not None:
                     self._to_plant.put(encode(drive))
-                if outgoing is not None:
-                    broadcast.put(outgoing.payload, attachment=outgoing.envelope.pack())
-                    if robot.unreported >= _FLUSH_ROWS:
-                        self._flush(robot)
+                if robot.unreported >= _FLUSH_ROWS:
+                    self._flush(robot)
         except LawFailed as error:
             self._fail(error)
 

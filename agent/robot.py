@@ -190,6 +190,11 @@ class Robot:
         return self._arrived[source] < self._roster.last_up(source, tick, self._every)
 
     @property
+    def arrivals(self) -> int:
+        """A number that grows with every broadcast that comes."""
+        return sum(self._arrived.values())
+
+    @property
     def pending_tick(self) -> int | None:
         """The tick this robot has been asked for and has not answered yet."""
         return None if self._pending is None else self._pending.tick

@@ -248,15 +248,27 @@ class End(NamedTuple):
     tick: int
 
 
+class CatchUp(NamedTuple):
+    """Plant to a paused robot, let run for a moment: take in all broadcasts up to ``tick``.
+
+    Robot to plant: I have. Otherwise they would fill the network's buffers, and those who
+    send them would stand still.
+    """
+
+    robot: int
+    tick: int
+
+
 KILL: Final = "kill"
 """The reason of an End for a robot that is to be killed: it says its last and waits for that."""
 
 Message = (
-    Join | Brief | Meet | Ready | Gone | Sense | Drive | Waiting | Links | Rejected | Failed | End
-)
+    Join | Brief | Meet | Ready | Gone | CatchUp | Sense | Drive | Waiting | Links | Rejected
+    | Failed | End
+)  # fmt: skip
 
 _KINDS: Final[tuple[type[Message], ...]] = (
-    Join, Brief, Ready, Waiting, Links, Rejected, Failed, End, Meet, Gone,
+    Join, Brief, Ready, Waiting, Links, Rejected, Failed, End, Meet, Gone, CatchUp,
 )  # fmt: skip
 _TAGS: Final = {kind: tag for tag, kind in enumerate(_KINDS)}
 _FIELD_TYPES: Final = {

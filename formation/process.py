@@ -23,7 +23,7 @@ def on_stop(stop: Callable[[], None], *, at_end_of_input: bool) -> None:
     signal.signal(signal.SIGTERM, handle)
     signal.signal(signal.SIGINT, signal.SIG_IGN if at_end_of_input else handle)
     if at_end_of_input:
-        _die_with_parent()
+        die_with_parent()
         threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
 
 
@@ -34,7 +34,8 @@ def _watch_input(stop: Callable[[], None]) -> None:
     threading.Timer(3.0, os._exit, args=(3,)).start()
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
+    """On Linux, have the kernel kill this process when the one that started it ends."""
     if sys.platform == "linux":
         pr_set_pdeathsig = 1  # prctl(2)
         ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)

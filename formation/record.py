@@ -67,6 +67,16 @@ class Event(NamedTuple):
     details: dict[str, Any]
 
 
+class Stir(NamedTuple):
+    """To the launcher alone: let the stopped processes of ``robots`` run, or stop them again.
+
+    Nothing happens to the robots; they only take in what lies in the network's buffers.
+    """
+
+    robots: list[int]
+    running: bool
+
+
 class Outcome(NamedTuple):
     """How the run ended, at virtual time ``t_ns``.
 
@@ -82,22 +92,26 @@ class Outcome(NamedTuple):
 
 Record = Samples | LinkRows | Event | Outcome
 Sink = Callable[[Record], None]
+Streamed = Record | Stir
+"""What a plant's stream holds."""
 
-_KINDS: dict[str, type[Record]] = {k.__name__: k for k in (Samples, LinkRows, Event, Outcome)}
+_KINDS: dict[str, type[Streamed]] = {
+    k.__name__: k for k in (Samples, LinkRows, Event, Stir, Outcome)
+}
 
 
-def writer(stream: IO[bytes]) -> Sink:
+def writer(stream: IO[bytes]) -> Callable[[Streamed], None]:
     """A sink that writes every record to ``stream`` at once."""
     pack = msgpack.Packer(autoreset=True).pack
 
-    def write(record: Record) -> None:
+    def write(record: Streamed) -> None:
         stream.write(pack((type(record).__name__, *record)))
         stream.flush()
 
     return write
 
 
-def read(stream: IO[bytes]) -> Iterator[Record]:
+def read(stream: IO[bytes]) -> Iterator[Streamed]:
     """The records in ``stream`` until it ends; a record cut off at the end is dropped."""
     unpacker = msgpack.Unpacker(max_buffer_size=2**30)
     while chunk := stream.read1(2**16):  # type: ignore[attr-defined]

@@ -6,7 +6,7 @@ Heavy modules are imported inside the commands, so that ``--help`` answers at on
 
 import sys
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -31,7 +31,15 @@ LEASH = click.option(
 )
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Commands(click.Group):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:  # before a command has its own way to end
+            ctx.exit(130)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="formnet", message="formnet %(version)s")
 def main() -> None:
     """Formation control over imperfect networks: run it, break it, get a verdict."""
@@ -120,6 +128,7 @@ def claims(
     Exit code 0: every one ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
     130: interrupted (what is complete is written).
     """
+    _need_inline(jobs, inline=inline)
     from lab.claims.command import list_claims, run_claims
 
     sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, inline=inline))
@@ -169,8 +178,9 @@ def nemesis(
     when it is repeated, and recover to what [expect] claims. What fails is shrunk.
 
     Exit code 0: every run is well; 1: one is not, and its seed is named; 2: bad usage;
-    130: interrupted.
+    3: the nemesis itself broke; 130: interrupted.
     """
+    _need_inline(jobs, inline=inline)
     from lab.nemesis.command import run_nemesis
 
     sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
@@ -291,6 +301,11 @@ def plant(
         )
     except (BusError, OSError) as error:
         _fail(3, str(error))
+
+
+def _need_inline(jobs: int | None, *, inline: bool) -> None:
+    if jobs is not None and not inline:
+        raise click.UsageError("--jobs goes with --inline: a distributed run has all cores")
 
 
 def _fail(code: int, text: str) -> NoReturn:

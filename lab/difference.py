@@ -36,7 +36,7 @@ def first_difference(
     """
     pairs: zip_longest[Any] = zip_longest(first, second)
     for old, new in pairs:
-        if old != new:
+        if _bits(old) != _bits(new):
             return _between(old, new, period_ns)
     return None
 
@@ -56,8 +56,17 @@ def _between(
     tick = t_ns // period_ns
     if old is None or new is None:
         return Difference(t_ns, tick, _whose(some), "the whole row", old, new)
-    what = next(name for name in old._fields if getattr(old, name) != getattr(new, name))
+    what = next(name for name, a, b in zip(old._fields, old, new, strict=True)
+                if _bits(a) != _bits(b))  # fmt: skip
     return Difference(t_ns, tick, _whose(old), what, getattr(old, what), getattr(new, what))
+
+
+def _bits(value: object) -> str:
+    """The same for the same bits: numbers written so that they can be read back (NaN, too).
+
+    ``==`` would take 0.0 for -0.0, and NaN for something that differs from itself.
+    """
+    return repr(value)
 
 
 def _key(row: Sample | LinkRow) -> tuple[int, ...]:

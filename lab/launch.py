@@ -19,12 +19,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from formation.bus import LOOPBACK
-from formation.record import Event, Outcome, Samples, Sink, read
+from formation.record import Event, Outcome, Samples, Sink, Stir, read
 from formation.scenario import Scenario
-from plant.process import START_PATIENCE_S
+from plant.process import FAREWELL_S, START_PATIENCE_S
 
 GRACE_S = 1.5
 """How long children have to end by themselves before they are killed."""
+_LOOK_S = 0.1
 
 Child = subprocess.Popen[bytes]
 
@@ -44,8 +45,12 @@ class Launch:
         self._outcome: Outcome | None = None
         self._blame: Outcome | None = None  # what the launcher saw and the plant cannot
         self._t_ns = 0
+        self._hung = False  # the plant, by all appearances
         self._kill_at: float | None = None  # set once the run is being stopped
-        self._todo: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._todo: queue.SimpleQueue[Event | Stir | None] = queue.SimpleQueue()
+        self._quiet = 0  # how often this process has looked since the plant's last record
+        self._patience_s = START_PATIENCE_S + scenario.run.patience_s  # with the plant, ...
+        self._later_patience_s = FAREWELL_S + 3.0 * scenario.run.patience_s  # ... once it runs
         self._written_off: set[int] = set()  # killed as planned, or lost: no cause for alarm
         self._lives: Counter[int] = Counter()
         self._common = common = ["--run", name, "--leash"]
@@ -71,18 +76,25 @@ class Launch:
         try:
             while self._reader.is_alive():
                 self._do_next()
+                self._quiet += 1
                 now = time.monotonic()
+                dead = self._dead_robots()
+                if not dead:
+                    dead_since = None
+                elif dead_since is None:
+                    dead_since = now
                 if self._kill_at is not None:
                     if now > self._kill_at:
                         self.plant.kill()
                 elif stopped():
                     self._stop()
-                elif dead_since is None:
-                    dead_since = now if self._dead_robots() else None
-                elif now - dead_since > GRACE_S and self._outcome is None:
+                elif dead_since is not None and now - dead_since > GRACE_S and not self._outcome:
                     # The plant notices the death of a robot that has joined; this one had not.
-                    self._blame = self._failure(self._dead_robots()[0])
+                    self._blame = self._failure(dead[0])
                     self._stop()
+                elif self._quiet * _LOOK_S > self._patience_s:
+                    self._hung = True
+                    self.plant.kill()
                 tick()
         finally:
             deadline = self._kill_at or time.monotonic() + GRACE_S
@@ -91,6 +103,8 @@ class Launch:
         if self._outcome is None or self._outcome.kind == "broken":
             code = self.plant.returncode
             how = f"was killed by signal {-code}" if code < 0 else f"exited with code {code}"
+            if self._hung:
+                how = f"said nothing for {self._patience_s:g} s and was killed"
             reason = f"the plant {how}{self._last_words('plant')}"
             self._outcome = Outcome("broken", self._t_ns, None, reason)
             self._sink(self._outcome)
@@ -103,19 +117,26 @@ class Launch:
                 record = self._outcome = self._blame or record
             elif isinstance(record, Samples) and record.rows:
                 self._t_ns = record.rows[-1].t_ns
-            self._sink(record)
-            if isinstance(record, Event):
+            self._quiet = 0
+            if not isinstance(record, Stir):
+                self._sink(record)
+            if isinstance(record, Event) and record.kind == "started":
+                self._patience_s = self._later_patience_s
+            if isinstance(record, Event | Stir):
                 self._todo.put(record)
         self._todo.put(None)
 
     def _do_next(self) -> None:
-        """Do to robots' processes what the plant says has happened, within 0.1 s."""
+        """Do to robots' processes what the plant says has happened, as soon as it says so."""
         try:
-            event = self._todo.get(timeout=0.1)
+            event = self._todo.get(timeout=_LOOK_S)
         except queue.Empty:
             return
         if event is None:
             self._reader.join()
+            return
+        if isinstance(event, Stir):
+            self._signal(event.robots, signal.SIGCONT if event.running else signal.SIGSTOP)
             return
         robots = event.details.get("robots", [event.details.get("robot")])
         if event.kind in ("kill", "lost"):
@@ -132,8 +153,6 @@ class Launch:
             self._signal(robots, signal.SIGSTOP)
         elif event.kind == "resume":
             self._signal(robots, signal.SIGCONT)
-        elif event.kind == "ended":
-            self._signal(self.robots, signal.SIGCONT)  # for their last reports
 
     def _signal(self, robots: Iterable[int], number: int) -> None:
         for robot in robots:

@@ -13,6 +13,8 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from formation.process import die_with_parent
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Stopped = Callable[[], bool]
@@ -30,11 +32,18 @@ class WorkFailed(RuntimeError):
 def in_turn(
     work: Work[Item, Result], items: Iterable[Item], stopped: Stopped
 ) -> Iterator[tuple[Item, Result]]:
-    """``work`` on one item after another, in this process, until ``stopped`` says so."""
+    """``work`` on one item after another, in this process, until ``stopped`` says so.
+
+    Raises:
+        WorkFailed: ``work`` raised.
+    """
     for item in items:
         if stopped():
             return
-        yield item, work(item, stopped)
+        results, trouble = _guarded(work, item, stopped)
+        if trouble:
+            raise WorkFailed(trouble)
+        yield item, results[0]
 
 
 def at_once(
@@ -52,7 +61,7 @@ def at_once(
     cores = os.cpu_count() or 1
     with ProcessPoolExecutor(jobs or cores, context, initializer=_begin, initargs=(stop,)) as pool:
         try:
-            running = {pool.submit(_guarded, work, item): item for item in items}
+            running = {pool.submit(_guarded, work, item, _stop_wanted): item for item in items}
             while running:
                 done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
                 for future in done:
@@ -83,9 +92,11 @@ def shown(
             yield item, result
 
 
-def _guarded(work: Work[Item, Result], item: Item) -> tuple[list[Result], str]:
+def _guarded(
+    work: Work[Item, Result], item: Item, stopped: Stopped
+) -> tuple[list[Result], str]:  # fmt: skip
     try:
-        return [work(item, _stop_wanted)], ""
+        return [work(item, stopped)], ""
     except Exception:
         return [], traceback.format_exc()
 
@@ -97,4 +108,5 @@ def _stop_wanted() -> bool:
 def _begin(stop: Event) -> None:
     global _stop
     _stop = stop
+    die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides

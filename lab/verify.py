@@ -74,6 +74,13 @@ def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
 
 def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inline: bool) -> int:
     recorded = read(folder)
+    until_ns = recorded.planned_until_ns
+    samples = _before(recorded.samples, until_ns)
+    if not samples:
+        raise Unreadable("nothing to compare: no sample was recorded before something unplanned "
+                         "happened")  # fmt: skip
+    console.print(f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are run again "
+                  "…[/]", soft_wrap=True)  # fmt: skip
     with TemporaryDirectory(prefix="formnet-verify-") as scratch:
         again = Recording(Path(scratch) / "run", recorded.scenario)
         outcome = execute(again, again, stopped, inline=inline)
@@ -84,27 +91,26 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
         console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
                       + escape(outcome.reason), soft_wrap=True)  # fmt: skip
         return BROKEN
-    until_ns = recorded.planned_until_ns
     whole = until_ns == _UNTIL_THE_END
     found = first_difference(
-        _before(recorded.samples, until_ns), _before(again.samples, until_ns),
-        recorded.scenario.clock.control_period_ns,
-    )  # fmt: skip
+        samples, _before(again.samples, until_ns), recorded.scenario.clock.control_period_ns
+    )
     if whole and found is None:  # what becomes of messages depends on what comes after
         found = first_difference(
             recorded.links, again.sorted_link_rows, recorded.scenario.clock.control_period_ns
         )
     claimed = recorded.verdict["trajectory_sha256"]
     sealed = trajectory_sha256(recorded.samples) == claimed
-    extent = "" if whole else f" up to t = {until_ns / 1e9:g} s, where something unplanned happened"
     name = escape(str(folder))
     if found is None and sealed:
-        console.print(
-            f"{name}: [green]identical[/]{extent}: {len(recorded.samples)} samples, "
-            f"{len(recorded.links)} messages" if whole else
-            f"{name}: [green]identical[/]{extent}", soft_wrap=True,
+        extent = (
+            f": {len(samples)} samples, {len(recorded.links)} messages" if whole else
+            f" up to t = {until_ns / 1e9:g} s, where something unplanned happened: "
+            f"{len(samples)} of {len(recorded.samples)} samples"
         )  # fmt: skip
-        console.print(f"  sha256 {claimed}", soft_wrap=True)
+        console.print(f"{name}: [green]identical[/]{extent}", soft_wrap=True)
+        if whole:
+            console.print(f"  sha256 {claimed}", soft_wrap=True)
         return ALL_HOLD
     console.print(f"{name}: [red]differs[/]", soft_wrap=True)
     if not sealed:

@@ -13,7 +13,7 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from math import inf
 from typing import IO, Any, NamedTuple
@@ -26,6 +26,7 @@ from formation.messages import (
     KILL,
     PROTOCOL,
     Brief,
+    CatchUp,
     Drive,
     End,
     Failed,
@@ -40,7 +41,7 @@ from formation.messages import (
     encode,
 )
 from formation.process import on_stop
-from formation.record import Event, LinkRows, Outcome, Record, Samples, Sink, writer
+from formation.record import Event, LinkRows, Outcome, Record, Samples, Stir, Streamed, writer
 from formation.scenario import Scenario
 from plant.world import DIVERGED, World
 
@@ -53,6 +54,8 @@ HASTY_FAREWELL_S = 0.5
 START_PATIENCE_S = 30.0
 """How long a started or restarted robot may take to be there, at least."""
 _FLUSH_TICKS = 100
+_MOST_UNREAD = 500
+"""How many broadcasts may wait in the network's buffers (64 KiB, at least) for a paused robot."""
 
 
 class _Ended(Exception):
@@ -84,6 +87,14 @@ class _Patience:
 _VANISHED = "its process is gone"
 
 
+def _culprits(awaited: list[int], waiting: Mapping[int, Waiting], tick: int) -> list[int]:
+    """On whom the run waits: not on those who wait for somebody themselves."""
+    victims = {robot for robot, message in waiting.items() if message.tick == tick}
+    silent = [robot for robot in awaited if robot not in victims]
+    named = {robot for victim in victims for robot in waiting[victim].neighbours}
+    return silent or sorted(named - victims) or awaited
+
+
 class _Turn(NamedTuple):
     """For the main thread: something is planned for this tick, or nobody is up."""
 
@@ -102,8 +113,8 @@ class PlantProcess:
     """
 
     def __init__(
-        self, session: zenoh.Session, scenario: Scenario, run: str, sink: Sink,
-        start_patience_s: float | None = None,
+        self, session: zenoh.Session, scenario: Scenario, run: str,
+        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
     ) -> None:  # fmt: skip
         self._scenario = scenario
         self._start_patience_s = start_patience_s
@@ -115,6 +126,8 @@ class PlantProcess:
         self._connected: set[int] = set()  # by liveliness
         self._gone: list[Gone] = []  # who was lost, unplanned
         self._paused: set[int] = set()
+        self._stir_at = inf  # the tick at which they have to take in what they have been sent
+        self._behind: set[int] = set()  # who is doing so
         self._ready: set[int] = set()  # who has met whom it had to meet before this tick
         self._begun = -1  # the tick whose senses were sent last
         self._lock = threading.Lock()  # guards the world and what follows
@@ -151,6 +164,8 @@ class PlantProcess:
             outcome = end.outcome
         with self._lock:
             self._running = False
+        if self._paused:  # to say their last they have to run
+            self._sink(Stir(sorted(self._paused), True))
         self._sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
         self._farewell(outcome)
         self._sink(Samples(self._world.take_samples()))
@@ -169,14 +184,15 @@ class PlantProcess:
         last_patience = _Patience(self._start_patience_s or inf)
         while ready != everyone:
             if last_patience.lost((len(joined), len(ready))):
-                late = min(everyone - joined or everyone - ready)
-                what = "hear its neighbours" if late in joined else "join"
-                raise _Ended(self._outcome("lost", late, f"did not {what} in time"))
+                late = everyone - joined
+                what = "join" if late else "be heard by its neighbours"
+                robot = min(late or self._unheard(everyone - ready))
+                raise _Ended(self._outcome("lost", robot, f"did not {what} in time"))
             if patience.lost((len(joined), len(ready))):
                 if joined != everyone:
-                    self._complain("join", sorted(everyone - joined), set())
+                    self._complain("join", sorted(everyone - joined))
                 else:
-                    self._complain("hear its neighbours", sorted(everyone - ready), set())
+                    self._complain("be heard", sorted(self._unheard(everyone - ready)))
             message = self._next()
             if isinstance(message, Join) and message.robot in everyone:
                 if message.protocol != PROTOCOL:
@@ -192,27 +208,35 @@ class PlantProcess:
             elif message is not None:
                 self._handle(message)
 
+    def _unheard(self, unready: set[int]) -> set[int]:
+        """Of robots that have not heard all their neighbours, those whom no neighbour has heard."""
+        neighbours = self._scenario.neighbours_of
+        return {robot for robot in unready if unready.issuperset(neighbours[robot])} or unready
+
     def _attend(self) -> None:
         """Record what comes in until the run ends (by raising).
 
         While nothing moves, complain, and in the end go on without those who do not answer.
         """
         world = self._world
-        blocked: dict[int, int] = {}  # robot: the tick at which it last said that it waits
+        waiting: dict[int, Waiting] = {}  # what each robot has said last of whom it waits for
         patience, last_patience = _Patience(), _Patience(self._scenario.run.patience_s)
+        beat = _Patience()
         while True:
             tick, awaited = world.tick, world.awaited()
-            waiting = {robot for robot in awaited if blocked.get(robot) == tick}
             if patience.lost(tick):
-                self._complain("answer", awaited, waiting)
+                self._complain("answer", _culprits(awaited, waiting, tick))
             if last_patience.lost((tick, awaited)):
                 why = f"did not answer for {self._scenario.run.patience_s:g} s"
-                for robot in [r for r in awaited if r not in waiting] or awaited:
+                for robot in _culprits(awaited, waiting, tick):
                     self._lose(robot, why)
-                blocked.clear()
+                waiting.clear()
+            if beat.lost(None):  # the launcher takes a silent plant for one that hangs
+                with self._lock:
+                    self._flush()
             message = self._next()
             if isinstance(message, Waiting):
-                blocked[message.robot] = message.tick
+                waiting[message.robot] = message
             elif isinstance(message, _Turn):
                 self._turn()
             elif message is not None:
@@ -245,7 +269,27 @@ class PlantProcess:
             if world.up:
                 break
             world.idle()
+        self._stir()
         self._begin_tick()
+
+    def _stir(self) -> None:
+        """Have paused robots take in what their neighbours have sent, before it is too much."""
+        world = self._world
+        if world.tick >= self._stir_at:
+            self._behind = {robot for robot in self._paused if robot in self._joined}
+            stirred = sorted(self._behind)
+            self._sink(Stir(stirred, True))
+            for robot in stirred:
+                self._tell(robot, CatchUp(robot, world.tick - 1))
+            self._wait("catch up", stirred, self._has_caught_up)
+            self._sink(Stir([robot for robot in stirred if robot in self._paused], False))
+            self._stir_at = inf
+        degree = max((len(self._scenario.neighbours_of[r]) for r in self._paused), default=0)
+        if degree:
+            ticks = max(1, _MOST_UNREAD // degree) * self._scenario.clock.broadcast_every
+            self._stir_at = min(self._stir_at, world.tick + ticks)
+        else:
+            self._stir_at = inf
 
     def _is_dead(self, robot: int) -> bool:
         return robot not in self._connected
@@ -255,6 +299,9 @@ class PlantProcess:
 
     def _has_left(self, robot: int) -> bool:
         return robot not in self._joined
+
+    def _has_caught_up(self, robot: int) -> bool:
+        return robot not in self._behind
 
     def _is_ready(self, robot: int) -> bool:
         return robot in self._ready
@@ -275,7 +322,7 @@ class PlantProcess:
         """Have robots that are to be killed hand in their last reports."""
         stopped = [robot for robot in robots if robot in self._paused]
         if stopped:  # to say their last they have to run
-            self._sink(Event("resume", self._world.t_ns, {"robots": stopped}))
+            self._sink(Stir(stopped, True))
         leaving = [robot for robot in robots if robot in self._joined]
         for robot in leaving:
             self._tell(robot, End(robot, KILL, self._world.tick - 1))
@@ -313,11 +360,12 @@ class PlantProcess:
         patience = _Patience()
         last_patience = _Patience(max(least_s, self._scenario.run.patience_s))
         while True:
-            left = [r for r in robots if not done(r) and (dying or r in self._world.up)]
+            here = robots if dying else [*self._world.up, *self._paused]
+            left = [robot for robot in robots if robot in here and not done(robot)]
             if not left:
                 return
             if patience.lost(left):
-                self._complain(what, left, set())
+                self._complain(what, left)
             if last_patience.lost(left):
                 if dying:
                     return
@@ -329,7 +377,11 @@ class PlantProcess:
             elif isinstance(message, Ready):
                 if message.tick == self._world.tick:
                     self._ready.add(message.robot)
-            elif isinstance(message, End) or (dying and isinstance(message, _Vanished)):
+            elif isinstance(message, CatchUp):
+                self._behind.discard(message.robot)
+            elif isinstance(message, End) or (
+                dying and isinstance(message, _Vanished) and message.robot in robots
+            ):
                 self._joined.discard(message.robot)
             elif message is not None:
                 self._handle(message)
@@ -343,6 +395,7 @@ class PlantProcess:
             tick, t_ns = world.tick, world.t_ns
             gone = Gone(robot, world.lose(robot))
         self._joined.discard(robot)
+        self._paused.discard(robot)
         self._gone.append(gone)
         self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": gone.tick}))
         for other in self._joined:
@@ -363,10 +416,9 @@ class PlantProcess:
             "formnet everywhere",
         )
 
-    def _complain(self, what: str, awaited: list[int], blocked: set[int]) -> None:
-        """Say on whom the run waits: not on those who wait for somebody themselves."""
-        culprits = [robot for robot in awaited if robot not in blocked] or awaited
-        self._sink(Event("waiting", self._world.t_ns, {"for": what, "robots": culprits}))
+    def _complain(self, what: str, robots: list[int]) -> None:
+        """Say on whom the run waits."""
+        self._sink(Event("waiting", self._world.t_ns, {"for": what, "robots": robots}))
 
     def _handle(self, message: Message | Record | _Turn | _Vanished) -> None:
         """Anything but the hot path. Raises _Ended when it ends the run."""
@@ -397,7 +449,7 @@ class PlantProcess:
     def _farewell(self, outcome: Outcome) -> None:
         """Tell every robot that it is over, and take their last reports."""
         leaving = set(self._joined)
-        if outcome.kind == "failed" and outcome.robot is not None:
+        if outcome.kind in ("failed", "lost") and outcome.robot is not None:
             leaving.discard(outcome.robot)
         for robot in leaving:
             self._tell(robot, End(robot, outcome.kind, self._world.tick - 1))
@@ -462,15 +514,19 @@ class PlantProcess:
             self._running = False
             self._inbox.put(self._completed())
         elif world.tick > drive.tick:
-            if world.changed:
+            if world.changed or world.tick >= self._stir_at:
                 self._inbox.put(_Turn())
             else:
                 self._begun = world.tick
                 for robot, put in self._puts:
                     put(self._prepared[robot])
             if world.tick % _FLUSH_TICKS == 0:
-                self._inbox.put(Samples(world.take_samples()))
-                self._inbox.put(LinkRows(world.take_down_rows()))
+                self._flush()
+
+    def _flush(self) -> None:
+        """Have the main thread report what is new; the caller holds the lock."""
+        self._inbox.put(Samples(self._world.take_samples()))
+        self._inbox.put(LinkRows(self._world.take_down_rows()))
 
     def _refuse(self, robot: int, reason: str) -> None:
         """Count a bad message; report it at the first and then at every doubling."""
@@ -511,7 +567,7 @@ def main(
 
 
 @contextmanager
-def _sink(record: str | None) -> Iterator[Sink]:
+def _sink(record: str | None) -> Iterator[Callable[[Streamed], None]]:
     if record is None:
         yield _tell
         return
@@ -524,7 +580,7 @@ def _sink(record: str | None) -> Iterator[Sink]:
         yield writer(stream)
 
 
-def _tell(record: Record) -> None:
+def _tell(record: Streamed) -> None:
     if isinstance(record, Event):
         print(f"t = {record.t_ns / 1e9:.3f} s: {record.kind} {record.details}", file=sys.stderr)
     elif isinstance(record, Outcome):

@@ -47,7 +47,7 @@ def graph_of(scenario, without=()):
 
 
 def test_every_claim_and_case_has_a_name_of_its_own_and_a_scenario_that_loads():
-    assert len(CLAIMS) == len(catalogue()) == 35
+    assert len(CLAIMS) == len(catalogue()) == 36
     assert len(SCENARIOS) == sum(len(claim.cases) for claim in CLAIMS.values())
     for scenario in SCENARIOS.values():
         assert accepts(scenario) is None
@@ -81,7 +81,7 @@ def test_random_groups_are_connected_and_differ(robots):
     assert len({frozenset(graph.edges) for graph in graphs}) == len(graphs) == 3
 
 
-@pytest.mark.parametrize("key", ["killed-ring", "killed-path-star"])
+@pytest.mark.parametrize("key", ["killed-ring", "killed-path-star", "killed-cut-vertex"])
 def test_a_kill_is_expected_to_end_as_the_remaining_graph_says(key):
     """Remark 9, with networkx and not the catalogue's own reasoning."""
     ends = []
@@ -93,9 +93,10 @@ def test_a_kill_is_expected_to_end_as_the_remaining_graph_says(key):
         expected = NOT_HOME if not damped else ALL_HOLD
         assert case.expected == (expected if nx.is_connected(rest) else APART)
         ends.append(case.expected)
-    assert (APART in ends) == (key == "killed-path-star")
-    assert ALL_HOLD in ends
-    assert NOT_HOME in ends
+        assert damped or scenario.network.default.delay.mean_s == 0  # no theorem else
+    kinds = [APART] if key == "killed-cut-vertex" else [ALL_HOLD, NOT_HOME]
+    assert all(kind in ends for kind in kinds)
+    assert all(end in kinds for end in ends)
 
 
 def test_every_robot_is_killed_at_both_times_on_the_ring():
@@ -120,7 +121,7 @@ def test_delays_are_those_that_are_named():
 # --- what runs say ----------------------------------------------------------------------
 
 
-def result(case, *, kind="completed", **observed):
+def result(case, *, kind="completed", lost=(), **observed):
     """A result with errors of half or twice the tolerance, as observed."""
     claims = {
         name: {
@@ -132,6 +133,7 @@ def result(case, *, kind="completed", **observed):
     }
     outcome = {"kind": kind, "t_s": 3.0, "robot": None, "reason": "why"}
     return Result(case, {"outcome": outcome, "claims": claims, "settling_time_s": None,
+                         "robots": {"lost": list(lost)},
                          "trajectory_sha256": "00"}, 1.0)  # fmt: skip
 
 
@@ -154,6 +156,7 @@ def test_a_row_holds_only_if_every_run_ends_as_it_should():
     assert wrong.verdict == FAILS
     assert wrong.happened == "not as predicted in 1 of 2 runs: apart"
     assert row(result(good, kind="lost", **HOLD)).verdict == BROKEN
+    assert row(result(good, lost=[{"robot": 3}], **HOLD)).verdict == BROKEN
 
 
 def test_a_run_that_should_diverge_must_and_no_other_may():
@@ -256,12 +259,11 @@ def test_remark_9_s_figure_shows_both_laws_from_the_kill_on():
 # --- the command --------------------------------------------------------------------------
 
 
-def test_claims_are_run_judged_and_written_down(tmp_path):
+def test_claims_are_run_judged_and_written_down(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "catalogue", lambda: [CLAIMS["printed-eq-19"]])
     out, readme = tmp_path / "out", tmp_path / "README.md"
     readme.write_text(f"{report.BEGIN}\n{report.END}\n")
-    code, said = formnet(
-        "claims", "--inline", "--only", "printed-*", "--out", out, "--into", readme
-    )
+    code, said = formnet("claims", "--inline", "--out", out, "--into", readme)
     assert code == 0
     assert "printed-eq-19" in said
     told = json.loads((out / "claims.json").read_text())
@@ -303,6 +305,12 @@ def test_bad_use_is_said(tmp_path):
     assert "--only: theorem-7 matches no claim (theorem-1, " in said
     file = tmp_path / "README.md"
     file.write_text("no place")
+    code, said = formnet("claims", "--inline", "--only", "theorem-1", "--into", file)
+    assert code == 2
+    assert "--into: goes with all claims, not with --only" in said
+    code, said = formnet("claims", "--jobs", 2)
+    assert code == 2
+    assert "--jobs goes with --inline" in said
     code, said = formnet("claims", "--inline", "--into", file, "--out", tmp_path / "out")
     assert code == 2
     assert "must have one line <!-- formnet claims: begin -->" in said

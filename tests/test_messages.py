@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from formation import messages, record
 from formation.messages import (
     Brief,
+    CatchUp,
     Broadcast,
     Drive,
     End,
@@ -49,6 +50,7 @@ KINDS = {
     Meet: st.builds(Meet, integers, st.lists(integers, max_size=5)),
     Ready: st.builds(Ready, integers, integers),
     Gone: st.builds(Gone, integers, integers),
+    CatchUp: st.builds(CatchUp, integers, integers),
     Sense: st.builds(Sense, words, wild_states),
     Drive: st.builds(Drive, words, words, st.floats(), st.floats()),
     Waiting: st.builds(Waiting, integers, integers, st.lists(integers, max_size=5)),
@@ -213,7 +215,7 @@ def test_message_of_every_tick_of_another_length_is_malformed(message):
         ([False, 1, 1], "tagged list"),
         ([0.0, 1, 1], "tagged list"),
         ([-1, 1, 1], "unknown kind -1"),
-        ([10, 1], "unknown kind 10"),
+        ([11, 1], "unknown kind 11"),
         ([2**64 - 1], f"unknown kind {2**64 - 1}"),
         ([0, 1], "Join"),
         ([0, 1, True], "Join"),

@@ -2,7 +2,11 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
 
+import psutil
 import pytest
 from rich.console import Console
 
@@ -53,8 +57,32 @@ def test_an_early_end_reaches_what_runs_and_begins_no_more():
 def test_what_goes_wrong_is_told():
     with pytest.raises(pool.WorkFailed, match="Unpicklable: three is"):
         list(pool.at_once(failing, [1], lambda: False, 1))
+    with pytest.raises(pool.WorkFailed, match="Unpicklable: three is"):
+        list(pool.in_turn(failing, [1], lambda: False))
     with pytest.raises(pool.WorkFailed, match="a worker's process died"):
         list(pool.at_once(dying, [1], lambda: False, 1))
+
+
+def test_workers_die_with_the_process_that_began_them(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import os, pathlib, sys, time\n"
+        "from lab import pool\n"
+        "def endless(item, stopped):\n"
+        "    pathlib.Path(sys.path[0], f'{os.getpid()}.pid').touch()\n"
+        "    time.sleep(600)\n"
+        "if __name__ == '__main__':\n"
+        "    list(pool.at_once(endless, [1, 2], lambda: False, 2))\n"
+    )
+    process = subprocess.Popen([sys.executable, str(script)])
+    deadline = time.monotonic() + 60.0
+    while len(pids := [int(path.stem) for path in tmp_path.glob("*.pid")]) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    workers = [psutil.Process(pid) for pid in pids]
+    process.kill()
+    process.wait()
+    assert psutil.wait_procs(workers, timeout=10.0)[1] == []
 
 
 def test_the_bar_passes_everything_on():

@@ -100,7 +100,9 @@ def test_a_run_with_an_unplanned_loss_is_compared_up_to_it(copy):
     change(copy / "links.parquet", "fate", 200, "lost: cut")  # depends on what came after
     code, said = formnet("verify", copy)
     assert code == 0
-    assert "identical up to t = 0.3 s, where something unplanned happened" in said
+    assert (
+        "identical up to t = 0.3 s, where something unplanned happened: 150 of 255 samples" in said
+    )
     change(copy / "states.parquet", "x_m", 140, 1.0)
     code, said = formnet("verify", copy)
     assert code == 1
@@ -132,6 +134,15 @@ def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_
     judged["outcome"] |= {"kind": "failed", "t_s": 0.2}
     (copy / "verdict.json").write_text(json.dumps(judged))
     assert formnet("verify", copy)[0] == 0
+
+
+def test_a_run_of_which_nothing_can_be_compared_is_not_identical(copy):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["outcome"] |= {"kind": "lost", "t_s": 0.0}
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    code, said = formnet("verify", copy)
+    assert code == 2
+    assert "nothing to compare" in said
 
 
 def test_every_run_is_looked_at_and_the_gravest_counts(recorded, tmp_path):
@@ -180,5 +191,9 @@ def test_first_difference():
         changed = [*rows[:place], rows[place]._replace(x_m=1.0), *rows[place + 1 :]]
         found = first_difference(rows, changed, 10)
         assert (found.what, found.first, found.second) == ("x_m", 0.0, 1.0)
+    nan = [sample(0, 1, float("nan"))]
+    assert first_difference(nan, [sample(0, 1, float("nan"))], 10) is None
+    found = first_difference([sample(0, 1, 0.0)], [sample(0, 1, -0.0)], 10)
+    assert str(found) == "t = 0 s (tick 0), robot 1, x_m: 0.0 and -0.0"
     links = [LinkRow(0, 5, 1, 2, 0, "delivered"), LinkRow(10, None, 1, 2, 1, "in flight")]
     assert first_difference(links, links[:1], 10).whose == "message 1 from 1 to 2"

@@ -6,6 +6,7 @@ paper leaves a choice open (graphs, starts, times), it is made here.
 
 import random
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 from math import cos, pi, sin
 
 import networkx as nx
@@ -129,7 +130,8 @@ def _graphs() -> Iterator[Claim]:
         if len(graph) == 5 and nx.is_connected(graph)
     ]
     yield _claim(
-        "five-robots", f"all {len(graphs)} connected graphs of five robots", "Assumption 1",
+        "five-robots", f"all {len(graphs)} connected graphs of five robots, up to renumbering",
+        "Assumption 1",
         [
             Case(f"{number:02}-edges-{len(edges)}", DELAYED, (_edges(edges), "duration_s=60"),
                  ALL_HOLD)
@@ -149,19 +151,20 @@ def _random_group(robots: int, probability: float, seed: int) -> Case:
 
     b = 1, since the law is the stiffer the more neighbours a robot has.
     """
-    draw = random.Random(f"{robots} robots, seed {seed}")
-    candidates = (nx.gnp_random_graph(robots, probability, draw) for _ in range(1000))
-    graph = next(some for some in candidates if nx.is_connected(some))
+    draw = random.Random(f"{robots} robots, seed {seed}").random  # the same in every Python
+    ids = range(1, robots + 1)
+    edges: list[tuple[int, int]] = []
+    while len(components(ids, edges)) > 1:
+        edges = [pair for pair in combinations(ids, 2) if draw() < probability]
     tables = []
     for k in range(robots):
         angle = 2.0 * pi * k / robots
         x, y = 0.4 * robots * cos(angle), 0.4 * robots * sin(angle)
-        start = f"{draw.uniform(-40, 40):.1f}", f"{draw.uniform(-40, 40):.1f}"
+        start = f"{80 * draw() - 40:.1f}", f"{80 * draw() - 40:.1f}"
         tables.append(
             f"{{id={k + 1}, offset_m=[{x:.3f}, {y:.3f}], damping={4.0 if k % 5 == 0 else 0.0}, "
-            f"start={{x_m={start[0]}, y_m={start[1]}, heading_rad={draw.uniform(-pi, pi):.2f}}}}}"
+            f"start={{x_m={start[0]}, y_m={start[1]}, heading_rad={(2 * draw() - 1) * pi:.2f}}}}}"
         )
-    edges = [(a + 1, b + 1) for a, b in graph.edges]
     overrides = (
         f"robots=[{', '.join(tables)}]", _edges(edges), "formation.coupling=1.0", "duration_s=80"
     )  # fmt: skip
@@ -225,17 +228,27 @@ def _remark_6() -> Iterator[Claim]:
 def _remark_9() -> Iterator[Claim]:
     yield Claim(
         "killed-ring",
-        "each robot killed in turn, at 2 s and at 10 s, on the ring",
+        "each robot killed in turn, at 2 s and at 10 s, on the ring (the damped one without "
+        "delays)",
         "Remark 9",
         "Eqs. 3, 4 hold for the rest, which is connected; Eq. 5 if damping remains",
         tuple(_killed(RING, robot, at_s) for at_s in (2, 10) for robot in range(1, 6)),
     )
+    cases = [_killed(edges, robot, 2) for edges in (PATH, STAR) for robot in range(1, 6)]
     yield Claim(
         "killed-path-star",
-        "each robot killed in turn at 2 s, on a path and on a star",
+        "each robot killed in turn at 2 s, on a path and on a star, unless it holds the graph "
+        "together (the damped one without delays)",
         "Remark 9",
-        "Eqs. 3, 4 hold if and only if the rest is connected; Eq. 5 if damping remains too",
-        tuple(_killed(edges, robot, 2) for edges in (PATH, STAR) for robot in range(1, 6)),
+        "Eqs. 3, 4 hold for the rest, which is connected; Eq. 5 if damping remains",
+        tuple(case for case in cases if case.expected != APART),
+    )
+    yield Claim(
+        "killed-cut-vertex",
+        "a robot that holds the graph together killed at 2 s, on the path and the star",
+        "Remark 9, converse",
+        "Eqs. 3, 4, 5 do not",
+        tuple(case for case in cases if case.expected == APART),
     )
     yield _claim(
         "killed-held", "each robot killed at 2 s, neighbours hold its last state for ever",
@@ -271,14 +284,18 @@ def _compared() -> Iterator[Case]:
 
 
 def _killed(edges: Edges, robot: int, at_s: float) -> Case:
-    """One robot of Section 5 killed; Remark 9 says how it ends from the graph that remains."""
+    """One robot of Section 5 killed; Remark 9 says how it ends from the graph that remains.
+
+    Without damping only Theorem 3 says something, and it knows no delays.
+    """
     rest = [other for other in range(1, 6) if other != robot]
     kept = [(a, b) for a, b in edges if robot not in (a, b)]
     expected = NOT_HOME if robot in DAMPED else ALL_HOLD
     if len(components(rest, kept)) > 1:
         expected = APART
     name = {RING: "ring", PATH: "path", STAR: "star"}[tuple(edges)]
-    return Case(f"{name}-robot-{robot}-at-{at_s:g}s", DELAYED,
+    scenario = SECTION5 if robot in DAMPED else DELAYED
+    return Case(f"{name}-robot-{robot}-at-{at_s:g}s", scenario,
                 (_edges(edges), _kill(robot, at_s)), expected)  # fmt: skip
 
 

@@ -51,6 +51,10 @@ def run_claims(
     claims = catalogue()
     chosen = [c for c in claims if not only or any(fnmatchcase(c.key, some) for some in only)]
     unmatched = [some for some in only if not any(fnmatchcase(c.key, some) for c in claims)]
+    if into is not None and only:
+        console.print("[red]--into:[/] goes with all claims, not with --only: it takes the whole "
+                      "table's place")  # fmt: skip
+        return BAD_INPUT
     if unmatched:
         keys = ", ".join(claim.key for claim in claims)
         console.print(f"[red]--only:[/] {escape(unmatched[0])} matches no claim ({keys})")
@@ -118,9 +122,11 @@ def _do_all(
         done[item.claim, item.case.name] = result
         if not result.as_expected:
             outcome = result.verdict["outcome"]
+            how = f"{outcome['kind']} {outcome['reason']}".strip()
+            for lost in result.verdict["robots"]["lost"]:
+                how += f"; robot {lost['robot']} was lost: {lost['reason']}"
             console.print(
-                f"[red]not as predicted:[/] {_label(item)} "
-                f"({outcome['kind']}{escape(' ' + outcome['reason'])}), see "
+                f"[red]not as predicted:[/] {_label(item)} ({escape(how)}), see "
                 + escape(str(item.folder)), soft_wrap=True,
             )  # fmt: skip
 
@@ -170,7 +176,7 @@ def _write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
     text = json.dumps(report.as_json(rows, mode=mode), indent=2, allow_nan=False,
                       ensure_ascii=False)  # fmt: skip
     (folder / "claims.json").write_text(text + "\n", encoding="utf-8")
-    drawn = {"claims": figures.summary(rows)}
+    drawn = {"claims": figures.summary(rows)} if rows else {}
     following = next((row for row in rows if row.claim.key == "leader-follower"), None)
     if following is not None:
         drawn["remark-9"] = _remark_9(following)

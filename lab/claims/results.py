@@ -21,8 +21,9 @@ class Result:
 
     @property
     def ended(self) -> bool:
-        """Whether the run came to its end, diverging included."""
-        return self.verdict["outcome"]["kind"] in ("completed", "diverged")
+        """Whether the run came to its end, diverging included, and nobody was lost unplanned."""
+        finished = self.verdict["outcome"]["kind"] in ("completed", "diverged")
+        return finished and not self.verdict["robots"]["lost"]
 
     @property
     def diverged(self) -> bool:
@@ -61,7 +62,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """HOLDS or FAILS; OBSERVED where nothing is claimed; BROKEN if a run did not end."""
+        """HOLDS or FAILS; OBSERVED where nothing is claimed; BROKEN if a run did not end well."""
         if not all(result.ended for result in self.results):
             return BROKEN
         if not self.claim.claimed:

@@ -1,6 +1,8 @@
 """``formnet nemesis``: random schedules against a scenario, and what fails made small."""
 
 import json
+import shlex
+import time
 from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
@@ -33,7 +35,9 @@ SAMPLE_EVERY = 10
 CHAOS_SHARE = 0.25
 """The share of a run in which things go wrong; the rest is for recovery."""
 MOST_TRIALS = 150
-"""How many runs shrinking may take."""
+"""How many runs shrinking may take ..."""
+MOST_SHRINKING_S = 600.0
+"""... and how long."""
 
 
 def run_nemesis(
@@ -64,7 +68,7 @@ def run_nemesis(
         )
         for number in range(seed, seed + runs)
     ]  # fmt: skip
-    repeat = _repeat(path, overrides, inline=inline)
+    repeat = _repeat(path, overrides, limit_s, inline=inline)
     done: dict[int, Finding] = {}
     failed = None
     with stop_signals() as stopped:
@@ -105,10 +109,12 @@ def _unfit(scenario: Scenario) -> str | None:
     return None
 
 
-def _repeat(path: Path, overrides: Sequence[str], *, inline: bool) -> str:
+def _repeat(path: Path, overrides: Sequence[str], limit_s: float, *, inline: bool) -> str:
     """The command that repeats one run, up to its seed."""
-    words = ["formnet nemesis", str(path), *(f"--set '{text}'" for text in overrides)]
-    return " ".join([*words, *(["--inline"] if inline else []), "--runs 1 --seed"])
+    words = ["formnet", "nemesis", str(path)]
+    words += [word for text in overrides for word in ("--set", text)]
+    words += ["--inline"] if inline else []
+    return shlex.join([*words, "--limit", f"{limit_s:g}", "--runs", "1", "--seed"])
 
 
 def _report(
@@ -120,7 +126,9 @@ def _report(
     for problem in finding.problems:
         console.print(f"  {escape(problem)}", soft_wrap=True)
     console.print(f"  repeat it: {escape(repeat)} {trial.seed}", soft_wrap=True)
-    least = _shrunk(trial, stopped)
+    console.print(f"  shrinking its {len(trial.episodes)} episodes, for {MOST_SHRINKING_S / 60:g} "
+                  "minutes at most …", soft_wrap=True)  # fmt: skip
+    least = _shrunk(trial, finding, stopped)
     place = folder / f"seed-{trial.seed}"
     place.mkdir()
     for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
@@ -135,17 +143,21 @@ def _report(
         console.print(f"    {escape(line)}", soft_wrap=True)
 
 
-def _shrunk(trial: Trial, stopped: pool.Stopped) -> list[Episode]:
-    """The least of a failing schedule that fails, in one process if it does so there too."""
+def _shrunk(trial: Trial, finding: Finding, stopped: pool.Stopped) -> list[Episode]:
+    """The least of a failing schedule that fails alike, in one process if it does so there too."""
     trials = 0
+    deadline = time.monotonic() + MOST_SHRINKING_S
 
     def fails(episodes: Sequence[Episode], *, inline: bool) -> bool:
         nonlocal trials
         trials += 1
-        if trials > MOST_TRIALS or stopped():
+        if trials > MOST_TRIALS or over():
             return False
         smaller = trial._replace(episodes=episodes, inline=inline, twice=True)
-        return bool(tried(smaller, stopped).problems) and not stopped()
+        return finding.kinds <= tried(smaller, over).kinds and not over()
+
+    def over() -> bool:
+        return stopped() or time.monotonic() > deadline
 
     inline = trial.inline or fails(trial.episodes, inline=True)
 

@@ -112,13 +112,7 @@ def _events(run: Collected) -> Iterator[str]:
     }
     found = {(event.t_ns, event.kind, tuple(event.details["robots"])) for event in happened}
     yield from _few("planned and not happened", map(str, sorted(planned - found)))
-    # To say its last, a paused robot that is killed is resumed for a moment.
-    killed = {(t_ns, robot) for t_ns, verb, some in planned if verb == "kill" for robot in some}
-    extra = [
-        item for item in sorted(found - planned)
-        if not (item[1] == "resume" and all((item[0], robot) in killed for robot in item[2]))
-    ]  # fmt: skip
-    yield from _few("happened and not planned", map(str, extra))
+    yield from _few("happened and not planned", map(str, sorted(found - planned)))
     if "lost" in kinds:
         lost = [f"robot {e.details['robot']} ({e.details['reason']})" for e in events
                 if e.kind == "lost"]  # fmt: skip

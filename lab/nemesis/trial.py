@@ -8,6 +8,7 @@ from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 from formation.scenario import Scenario
+from formation.theory import CLAIMS
 from lab import verdict
 from lab.difference import first_difference
 from lab.execution import execute
@@ -39,6 +40,11 @@ class Finding(NamedTuple):
     errors: dict[str, float | None]
     seconds: float
 
+    @property
+    def kinds(self) -> frozenset[str]:
+        """What the problems are, without what they say of this one run."""
+        return frozenset(problem.partition(":")[0] for problem in self.problems)
+
 
 def tried(trial: Trial, stopped: Stopped) -> Finding:
     """Do the run, twice if asked, and see whether all is well."""
@@ -50,10 +56,7 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
         again = _run(scenario, trial.limit_s, stopped, inline=True)
         problems += _differences(run, again)
     judged = verdict.of(run, mode="inline" if trial.inline else "distributed", wall_s=0.0)
-    errors = {
-        claim: judged["claims"][claim]["largest_in_window"]
-        for claim in ("formation", "heading", "centroid")
-    }
+    errors = {claim: judged["claims"][claim]["largest_in_window"] for claim in CLAIMS}
     if not problems:
         problems += _not_recovered(judged)
     seconds = time.monotonic() - began
@@ -80,10 +83,11 @@ def _problems(run: Collected, limit_s: float) -> list[str]:
     outcome = run.outcome
     assert outcome is not None
     if outcome.kind == "interrupted":
-        return [f"did not end within {limit_s:g} s; it was at t = {outcome.t_ns / 1e9:.3f} s"]
+        return [f"did not end: within {limit_s:g} s it came to t = {outcome.t_ns / 1e9:.3f} s"]
     if outcome.kind != "completed":
-        who = "" if outcome.robot is None else f" robot {outcome.robot}:"
-        return [f"ended as {outcome.kind} at t = {outcome.t_ns / 1e9:.3f} s:{who} {outcome.reason}"]
+        who = "" if outcome.robot is None else f"robot {outcome.robot}, "
+        at = f"at t = {outcome.t_ns / 1e9:.3f} s"
+        return [f"ended as {outcome.kind}: {who}{at}: {outcome.reason}"]
     return list(inconsistencies(run))
 
 
@@ -102,9 +106,9 @@ def _differences(first: Collected, second: Collected) -> list[str]:
 
 def _not_recovered(judged: dict[str, Any]) -> list[str]:
     return [
-        f"does not converge after the healing: {claim} "
+        f"does not converge after the healing, {claim}: "
         f"{entry['largest_in_window']} in the last {judged['window_s']:g} s, "
         f"tolerance {entry['tolerance']:g}"
         for claim, entry in judged["claims"].items()
-        if entry["expected"] and not entry["observed"]
+        if claim in CLAIMS and entry["expected"] and not entry["observed"]
     ]
