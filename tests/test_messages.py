@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from formation import messages, record
 from formation.messages import (
     Brief,
-    CatchUp,
     Broadcast,
+    CatchUp,
     Drive,
     End,
     Envelope,

@@ -323,8 +323,8 @@ def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):
     assert code == 1
     assert "seed 3 fails:" in said
     assert "does not converge after the healing, formation" in said
-    assert f"repeat it: formnet nemesis {scenario} --set 'duration_s=2.0' --inline --runs 1 " \
-           "--seed 3" in said  # fmt: skip
+    assert f"repeat it: formnet nemesis {scenario} --set duration_s=2.0 --inline --limit 600 " \
+           "--runs 1 --seed 3" in said  # fmt: skip
     assert "(none: it fails without any)" in said
     assert "1 fail: seeds 3" in said
     place = tmp_path / "out" / "seed-3"
