@@ -9,11 +9,14 @@ import sys
 from setuptools import Extension, setup
 
 HOT = [
+    "agent/base.py",
     "agent/cooperative.py",
     "agent/dynamics.py",
     "agent/excitation.py",
     "agent/process.py",
+    "agent/realtime.py",
     "agent/robot.py",
+    "agent/timed.py",
     "formation/bus.py",
     "formation/messages.py",
     "netem/copula.py",
@@ -23,7 +26,10 @@ HOT = [
     "netem/loss.py",
     "netem/markov.py",
     "plant/body.py",
-    "plant/process.py",
+    "plant/host.py",
+    "plant/lockstep.py",
+    "plant/realtime.py",
+    "plant/timed.py",
     "plant/world.py",
 ]
 

@@ -1,5 +1,7 @@
 """One robot's process: a thin shell that carries messages between Zenoh and the core.
 
+This is lockstep, and what real time shares with it; :mod:`agent.realtime` is the rest.
+
 Zenoh calls back on threads of its own; the hot path (sense in, drive out) runs
 right there, because handing each message to another thread costs more than the
 law itself. The main thread does everything slow: the start handshake, naming
@@ -19,13 +21,16 @@ from typing import Any
 import zenoh
 
 from agent.law import LawFailed, make
+from agent.realtime import RealtimeLoop
 from agent.robot import Robot
+from agent.timed import TimedRobot
 from formation import bus
 from formation.loading import loads
 from formation.messages import (
     HELLO,
     KILL,
     PROTOCOL,
+    Begin,
     Brief,
     CatchUp,
     End,
@@ -34,6 +39,7 @@ from formation.messages import (
     Gone,
     Join,
     Links,
+    Measured,
     Meet,
     Message,
     MessageError,
@@ -66,7 +72,8 @@ class RobotProcess:
         self._keys = bus.Keys(run)
         self._inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._lock = threading.Lock()  # guards the core: senses and broadcasts come on own threads
-        self._robot: Robot | None = None
+        self._robot: Robot | None = None  # in lockstep
+        self._loop: RealtimeLoop | None = None  # in real time
         self._started = threading.Event()
         self._broadcast: zenoh.Publisher | None = None
         self._heard: set[int] = set()
@@ -90,21 +97,34 @@ class RobotProcess:
         if not isinstance(brief, Brief):
             return 3
         scenario = loads(brief.scenario, "brief")
+        timed = scenario.clock.mode == "realtime"
+        self._broadcast = broadcast = bus.publisher(
+            self._session, self._keys.broadcast(self._id), blocking=not timed
+        )
         try:
             law = make(scenario, self._id)
-            robot = Robot(scenario, self._id, run=self._run, law=law, first_tick=brief.tick)
+            if timed:
+                core = TimedRobot(scenario, self._id, run=self._run, law=law, first_tick=brief.tick)
+                self._loop = RealtimeLoop(core, scenario, self._to_plant.put, broadcast)
+            else:
+                self._robot = Robot(
+                    scenario, self._id, run=self._run, law=law, first_tick=brief.tick
+                )
         except Exception as error:  # a plug-in's constructor may raise anything
             return self._fail(error)
         gc.freeze()  # what start-up has made stays; do not scan it again and again
-        self._robot = robot
-        self._broadcast = bus.publisher(self._session, self._keys.broadcast(self._id))
         self._subscriptions += [
             self._session.declare_subscriber(
                 self._keys.broadcast(neighbour), partial(self._on_broadcast, neighbour)
             )
-            for neighbour in robot.neighbours
+            for neighbour in scenario.neighbours_of[self._id]
         ]
-        end = self._meet(Meet(brief.tick, brief.neighbours)) or self._attend(robot)
+        end = self._meet(Meet(brief.tick, brief.neighbours))
+        if self._loop is not None:
+            return self._run_on(self._loop, end)
+        robot = self._robot
+        assert robot is not None
+        end = end or self._attend(robot)
         if isinstance(end, End):
             self._catch_up(robot, end.tick)
         with self._lock:
@@ -115,6 +135,15 @@ class RobotProcess:
         self._send(End(self._id, end.reason, end.tick))
         if doomed:
             self._until_told(End)
+        return 0
+
+    def _run_on(self, loop: RealtimeLoop, end: End | Failed | None) -> int:
+        """In real time, to the end."""
+        end = end or loop.run(self._inbox)
+        loop.report(last=True)
+        if isinstance(end, Failed):
+            return 3
+        self._send(End(self._id, end.reason, end.tick))
         return 0
 
     # --- the main thread -----------------------------------------------------------
@@ -148,7 +177,7 @@ class RobotProcess:
         while not isinstance(self._inbox.get(), kind):
             pass
 
-    def _meet(self, meeting: Meet) -> Any:
+    def _meet(self, meeting: Meet) -> End | Failed | None:
         """Say hello until all of ``meeting`` were heard and the next tick has come.
 
         A message put before its subscriber is known is lost silently, so every
@@ -173,7 +202,8 @@ class RobotProcess:
 
     def _lose(self, gone: Gone) -> None:
         """Go on without a robot."""
-        assert self._robot is not None
+        if self._robot is None:
+            return  # in real time, silence tells
         try:
             with self._lock:
                 drive = self._robot.on_loss(gone.robot, gone.tick)
@@ -239,7 +269,15 @@ class RobotProcess:
         except MessageError as error:
             print(f"refused a message on the plant's key: {error}", file=sys.stderr, flush=True)
             return
+        if type(message) is Measured and self._loop is not None:
+            try:
+                self._loop.on_measured(message)
+            except LawFailed as error:
+                self._fail(error)
+            return
         if type(message) is not Sense:
+            if type(message) is Begin:
+                self._started.set()
             self._inbox.put(message)
             return
         robot, broadcast = self._robot, self._broadcast
@@ -261,10 +299,12 @@ class RobotProcess:
             self._fail(error)
 
     def _on_broadcast(self, source: int, sample: zenoh.Sample) -> None:
-        robot, attachment = self._robot, sample.attachment
-        if robot is None:
-            return
         self._heard.add(source)
+        if self._loop is not None:
+            self._loop.on_broadcast(source, sample)
+            return
+        robot, attachment = self._robot, sample.attachment
+        assert robot is not None
         try:
             with self._lock:
                 drive = robot.on_broadcast(

@@ -24,7 +24,7 @@ import psutil
 
 from benchmarks.scenarios import SECTION5
 from lab.recording import read_links, read_states
-from plant.process import START_PATIENCE_S
+from plant.host import START_PATIENCE_S
 
 PATIENCE_S = 1.0
 """``run.patience_s`` of these runs."""

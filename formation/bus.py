@@ -105,10 +105,11 @@ def session(*, connect: str | None = None, listen: str | None = None) -> Iterato
         opened.close()  # type: ignore[no-untyped-call]
 
 
-def publisher(opened: zenoh.Session, key: str) -> zenoh.Publisher:
-    """A publisher that sends at once and blocks rather than drops."""
+def publisher(opened: zenoh.Session, key: str, *, blocking: bool = True) -> zenoh.Publisher:
+    """A publisher that sends at once and, where the network is full, blocks (or else drops)."""
+    control = zenoh.CongestionControl
     return opened.declare_publisher(
-        key, express=True, congestion_control=zenoh.CongestionControl.BLOCK
+        key, express=True, congestion_control=control.BLOCK if blocking else control.DROP
     )
 
 

@@ -6,8 +6,8 @@ trusted by nobody. *Lockstep messages* (all others) keep virtual time between
 the plant and one robot and belong to the runtime, not to the experiment.
 
 Everything is msgpack (a broadcast with a checksum after it), but for the messages of
-every tick (``Sense``, ``Drive`` and the envelope), which are fixed little-endian
-structures. Floats travel as IEEE 754 doubles, so a value arrives bit-identical.
+every tick (``Sense`` and ``Drive``, ``Ask`` and ``Measured``, the envelope), which are fixed
+little-endian structures. Floats travel as IEEE 754 doubles, so a value arrives bit-identical.
 """
 
 import math
@@ -121,7 +121,8 @@ class Envelope(NamedTuple):
 
     It tells a lockstep receiver that robot ``robot`` sent its broadcast of
     ``tick``, so that it can wait for exactly that; the emulated link and the
-    law never see it. ``tick`` -1 is the hello of the start handshake.
+    law never see it. In real time, ``tick`` is the broadcast's stamp in nanoseconds.
+    ``tick`` -1 is the hello of the start handshake.
     """
 
     robot: int
@@ -248,6 +249,45 @@ class End(NamedTuple):
     tick: int
 
 
+class Begin(NamedTuple):
+    """Plant to robot, in real time: go on your own from here; it is ``t_ns``."""
+
+    t_ns: int
+
+
+class Ask(NamedTuple):
+    """Robot to plant, in real time: where am I? For its control period ``number``."""
+
+    robot: int
+    number: int
+
+
+class Measured(NamedTuple):
+    """Plant to robot, the answer to ``Ask``: your own state at ``t_ns`` of the plant's time."""
+
+    number: int
+    t_ns: int
+    state: State
+
+
+class Timing(NamedTuple):
+    """Robot to plant: how real time went so far.
+
+    Of ``periods`` control periods it missed some: it woke too late for one, or the
+    plant's answer was. Lists are [p50, p99, max] in seconds, or empty: by how much it woke late,
+    and how long neighbours' messages were on the real network. ``uncertainty_s`` bounds the
+    error of its estimate of the plant's clock, ``offset_s`` is the estimate.
+    """
+
+    robot: int
+    periods: int
+    missed: int
+    lateness_s: list[float]
+    transit_s: list[float]
+    offset_s: float
+    uncertainty_s: float
+
+
 class CatchUp(NamedTuple):
     """Plant to a paused robot, let run for a moment: take in all broadcasts up to ``tick``.
 
@@ -264,11 +304,12 @@ KILL: Final = "kill"
 
 Message = (
     Join | Brief | Meet | Ready | Gone | CatchUp | Sense | Drive | Waiting | Links | Rejected
-    | Failed | End
+    | Failed | End | Begin | Ask | Measured | Timing
 )  # fmt: skip
 
 _KINDS: Final[tuple[type[Message], ...]] = (
     Join, Brief, Ready, Waiting, Links, Rejected, Failed, End, Meet, Gone, CatchUp,
+    Begin, Timing,
 )  # fmt: skip
 _TAGS: Final = {kind: tag for tag, kind in enumerate(_KINDS)}
 _FIELD_TYPES: Final = {
@@ -276,11 +317,15 @@ _FIELD_TYPES: Final = {
     for kind in _KINDS
 }
 
-# The two messages of every tick have fixed layouts. Their first bytes are no msgpack list's.
+# The messages of every tick have fixed layouts. Their first bytes are no msgpack list's.
 _SENSE: Final = 0x01
 _DRIVE: Final = 0x02
+_ASK: Final = 0x03
+_MEASURED: Final = 0x04
 _SENSE_LAYOUT: Final = struct.Struct("<Bq5d")
 _DRIVE_LAYOUT: Final = struct.Struct("<Bqq2d")
+_ASK_LAYOUT: Final = struct.Struct("<Bqq")
+_MEASURED_LAYOUT: Final = struct.Struct("<Bqq5d")
 
 
 def _unpack(data: bytes) -> Any:
@@ -296,6 +341,10 @@ def encode(message: Message) -> bytes:
         return _DRIVE_LAYOUT.pack(_DRIVE, *message)
     if isinstance(message, Sense):
         return _SENSE_LAYOUT.pack(_SENSE, message.tick, *message.state)
+    if isinstance(message, Ask):
+        return _ASK_LAYOUT.pack(_ASK, *message)
+    if isinstance(message, Measured):
+        return _MEASURED_LAYOUT.pack(_MEASURED, message.number, message.t_ns, *message.state)
     return _pack((_TAGS[type(message)], *message))
 
 
@@ -313,8 +362,13 @@ def decode(data: bytes) -> Message:
         if first == _SENSE:
             _, tick, x, y, heading, speed, turn_rate = _SENSE_LAYOUT.unpack(data)
             return make(Sense, (tick, make(State, (x, y, heading, speed, turn_rate))))
+        if first == _ASK:
+            return make(Ask, _ASK_LAYOUT.unpack(data)[1:])
+        if first == _MEASURED:
+            fields = _MEASURED_LAYOUT.unpack(data)
+            return make(Measured, (fields[1], fields[2], make(State, fields[3:])))
     except struct.error:
-        raise MessageError("malformed: a Sense or Drive of the wrong length") from None
+        raise MessageError("malformed: a message of every tick with the wrong length") from None
     return _decode_rare(data)
 
 
@@ -329,6 +383,8 @@ def _decode_rare(data: bytes) -> Message:
         raise MessageError(f"malformed: {kind.__name__}")
     if kind in (Waiting, Brief, Meet) and any(type(robot) is not int for robot in fields[-1]):
         raise MessageError(f"malformed: {kind.__name__}")
+    if kind is Timing and any(type(value) is not float for value in [*fields[4], *fields[5]]):
+        raise MessageError("malformed: Timing")
     if kind is Links:
         fields[2] = [_link_row(row) for row in fields[2]]
     message: Message = kind(*fields[1:])

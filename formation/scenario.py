@@ -26,11 +26,16 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 
 
 class Clock(Table):
-    """``[clock]``: virtual time in lockstep, and the two periods of the sampled loop."""
+    """``[clock]``: virtual time in lockstep or real time, and the periods of the sampled loop.
 
-    mode: Literal["lockstep"] = "lockstep"
+    In real time a robot whose estimate of the plant's clock may be wrong by more than
+    ``sync_bound_s`` is reported.
+    """
+
+    mode: Literal["lockstep", "realtime"] = "lockstep"
     control_period_s: Positive = 0.001
     broadcast_period_s: Positive = 0.01
+    sync_bound_s: PositiveSeconds = 0.005
 
     @property
     def control_period_ns(self) -> int:
@@ -157,7 +162,7 @@ class Neighbours(Table):
 
 
 class Plant(Table):
-    """``[plant]``: what the body of a robot does whose process is gone or stopped.
+    """``[plant]``: what the body of a robot does whose process is gone, stopped or too slow.
 
     brake
         its velocities decay with the time constant ``brake_time_s``;
@@ -165,10 +170,13 @@ class Plant(Table):
         no torque on the wheels (at the kinematic level: the velocities stay);
     freeze
         it stands still at once.
+
+    In real time, a robot whose newest drive is older than ``drive_timeout_s`` brakes.
     """
 
     body_on_failure: Literal["brake", "coast", "freeze"] = "brake"
     brake_time_s: PositiveSeconds = 0.1
+    drive_timeout_s: PositiveSeconds = 0.25
 
 
 class Run(Table):

@@ -21,7 +21,7 @@ from pathlib import Path
 from formation.bus import LOOPBACK
 from formation.record import Event, Outcome, Samples, Sink, Stir, read
 from formation.scenario import Scenario
-from plant.process import FAREWELL_S, START_PATIENCE_S
+from plant.host import FAREWELL_S, START_PATIENCE_S
 
 GRACE_S = 1.5
 """How long children have to end by themselves before they are killed."""

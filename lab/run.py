@@ -41,6 +41,12 @@ def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, in
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
+    if inline and scenario.clock.mode == "realtime":
+        console.print(
+            '[red]--inline:[/] is virtual time, and clock.mode = "realtime": add '
+            "--set clock.mode=lockstep, or leave --inline out", soft_wrap=True,
+        )  # fmt: skip
+        return BAD_INPUT
     for warning in assess(scenario).warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
@@ -119,6 +125,28 @@ def _table(judged: dict[str, Any]) -> Table:
     return table
 
 
+def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
+    """How well a run in real time kept its time, by process."""
+    table = Table(title="real time (p50, p99 in ms; all is in verdict.json)", title_justify="left",
+                  box=SIMPLE_HEAD)  # fmt: skip
+    for column in ("", "missed periods", "woke late", "sense→drive", "transit", "clock"):
+        table.add_column(column, justify="right", no_wrap=True)
+
+    def spread(found: dict[str, float] | None) -> str:
+        return "-" if found is None else f"{1e3 * found['p50']:.2f} {1e3 * found['p99']:.2f}"
+
+    table.add_row("plant", "", spread(timing["plant"]["woke_late_s"]))
+    for robot, own in timing["robots"].items():
+        bound_s = own["clock_uncertainty_s"]
+        known = f"±{1e3 * bound_s:.2f}"
+        table.add_row(
+            f"robot {robot}", f"{own['missed']} of {own['periods']}", spread(own["woke_late_s"]),
+            spread(own["sense_to_drive_s"]), spread(own["transit_s"]),
+            known if bound_s <= sync_bound_s else f"[red]{known}[/]",
+        )  # fmt: skip
+    return table
+
+
 def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -> None:
     outcome = judged["outcome"]
     if outcome["kind"] != "completed":
@@ -151,6 +179,8 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
             f"[yellow]rejected:[/] robot {item['robot']} refused {item['times']} message(s) "
             f"from {item['source']}: {escape(item['reason'])}"
         )
+    if judged["realtime"] is not None:
+        console.print(timing_table(judged["realtime"], recording.scenario.clock.sync_bound_s))
     settled = judged["settling_time_s"]
     factor = judged["realtime_factor"] or 0.0
     console.print(

@@ -92,6 +92,7 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
         "simulated_s": simulated_s,
         "wall_s": wall_s,
         "realtime_factor": simulated_s / wall_s if wall_s > 0 else None,
+        "realtime": next((e.details for e in recording.events if e.kind == "timing"), None),
         "versions": versions(),
     }  # fmt: skip
 
@@ -179,6 +180,8 @@ def versions() -> dict[str, str | bool]:
 
 def _lyapunov(recording: Collected) -> dict[str, Any] | None:
     """V along the run and every rise of it; None where it cannot be had."""
+    if recording.scenario.clock.mode == "realtime":
+        return None  # states are samples of a real time that no two robots share to the bit
     found = lyapunov.curve(recording)
     if found is None:
         return None

@@ -74,6 +74,9 @@ def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
 
 def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inline: bool) -> int:
     recorded = read(folder)
+    if recorded.scenario.clock.mode == "realtime":
+        raise Unreadable('clock.mode = "realtime": a run in real time does not repeat to the bit; '
+                         "its virtual twin does (--set clock.mode=lockstep)")  # fmt: skip
     until_ns = recorded.planned_until_ns
     samples = _before(recorded.samples, until_ns)
     if not samples:

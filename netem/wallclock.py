@@ -106,7 +106,7 @@ class WallClock:
             self._changed.notify()
 
     def _run(self) -> None:
-        _wake_punctually()
+        wake_punctually()
         try:
             while self._deliver_next():
                 pass
@@ -152,7 +152,7 @@ def _has_due(due_ns: int, _order: int, link: Link) -> bool:
     return link.next_due_ns is not None and link.next_due_ns <= due_ns
 
 
-def _wake_punctually() -> None:
+def wake_punctually() -> None:
     """Have the kernel wake this thread on time: by default it may lag 50 µs (prctl(2))."""
     if sys.platform == "linux":
         pr_set_timerslack = 29

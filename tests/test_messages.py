@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from formation import messages, record
 from formation.messages import (
+    Ask,
+    Begin,
     Brief,
     Broadcast,
     CatchUp,
@@ -22,12 +24,14 @@ from formation.messages import (
     Gone,
     Join,
     Links,
+    Measured,
     Meet,
     MessageError,
     Ready,
     Rejected,
     Sense,
     State,
+    Timing,
     Waiting,
     decode,
     encode,
@@ -51,6 +55,12 @@ KINDS = {
     Ready: st.builds(Ready, integers, integers),
     Gone: st.builds(Gone, integers, integers),
     CatchUp: st.builds(CatchUp, integers, integers),
+    Begin: st.builds(Begin, integers),
+    Ask: st.builds(Ask, words, words),
+    Measured: st.builds(Measured, words, words, wild_states),
+    Timing: st.builds(
+        Timing, integers, integers, integers, st.lists(finite), st.lists(finite), finite, finite
+    ),
     Sense: st.builds(Sense, words, wild_states),
     Drive: st.builds(Drive, words, words, st.floats(), st.floats()),
     Waiting: st.builds(Waiting, integers, integers, st.lists(integers, max_size=5)),
@@ -215,7 +225,7 @@ def test_message_of_every_tick_of_another_length_is_malformed(message):
         ([False, 1, 1], "tagged list"),
         ([0.0, 1, 1], "tagged list"),
         ([-1, 1, 1], "unknown kind -1"),
-        ([11, 1], "unknown kind 11"),
+        ([13, 1], "unknown kind 13"),
         ([2**64 - 1], f"unknown kind {2**64 - 1}"),
         ([0, 1], "Join"),
         ([0, 1, True], "Join"),

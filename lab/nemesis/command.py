@@ -97,6 +97,8 @@ def run_nemesis(
 
 def _unfit(scenario: Scenario) -> str | None:
     """Why a scenario is none for the nemesis, or None."""
+    if scenario.clock.mode == "realtime":
+        return 'clock.mode = "realtime": must be "lockstep", in which runs repeat to the bit'
     if scenario.timeline:
         return "timeline: must be empty: the nemesis makes its own"
     if scenario.run.on_unscheduled_loss == "abort":

@@ -1,0 +1,330 @@
+"""What every plant has in common: it meets the robots, sees them off, and keeps the record.
+
+:mod:`plant.lockstep` hosts the time between in virtual time, :mod:`plant.realtime` on the
+wall clock.
+"""
+
+import gc
+import queue
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf
+from typing import Any, NamedTuple
+
+import zenoh
+
+from formation import bus
+from formation.loading import dumps
+from formation.messages import (
+    PROTOCOL,
+    Brief,
+    End,
+    Failed,
+    Join,
+    Links,
+    Message,
+    Ready,
+    Rejected,
+    encode,
+)
+from formation.record import Event, LinkRows, Outcome, Record, Samples, Streamed
+from formation.scenario import Scenario
+
+PATIENCE_S = 1.0
+"""How long to wait before saying for whom."""
+FAREWELL_S = 10.0
+"""How long a silence is taken for slowness while robots hand in their last reports."""
+HASTY_FAREWELL_S = 0.5
+"""The same when the user has asked to stop."""
+START_PATIENCE_S = 30.0
+"""How long a started or restarted robot may take to be there, at least."""
+_FLUSH_TICKS = 100
+
+
+class Ended(Exception):
+    """Ends the run; carries the outcome."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        self.outcome = outcome
+
+
+class Patience:
+    """Runs out each time that nothing has changed for ``seconds``."""
+
+    def __init__(self, seconds: float = PATIENCE_S) -> None:
+        self._seconds = seconds
+        self._mark: object = None
+        self._since = time.monotonic()
+
+    def lost(self, mark: object) -> bool:
+        """Whether ``mark`` has been the same for so long (again, since the last time it was)."""
+        now = time.monotonic()
+        if mark != self._mark:
+            self._mark, self._since = mark, now
+        if now - self._since < self._seconds:
+            return False
+        self._since = now
+        return True
+
+
+VANISHED = "its process is gone"
+
+
+class Turn(NamedTuple):
+    """For the main thread: something is planned for this tick, or nobody is up."""
+
+
+class Vanished(NamedTuple):
+    """For the main thread: the connection of ``robot`` has ended."""
+
+    robot: int
+
+
+Note = Message | Record | Turn | Vanished
+"""What the main thread gets from the others."""
+
+
+class Host:
+    """Hosts run ``run`` of ``scenario`` on ``session`` and reports to ``sink``.
+
+    If nothing new comes from the robots within ``start_patience_s`` before the first tick,
+    the run ends; None waits for as long as it takes. ``blocking``: where the network is full,
+    wait until robots have taken what is for them, rather than drop it.
+    """
+
+    blocking = True
+
+    def __init__(
+        self, session: zenoh.Session, scenario: Scenario, run: str,
+        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
+    ) -> None:  # fmt: skip
+        self._session = session
+        self._scenario = scenario
+        self._start_patience_s = start_patience_s
+        self._sink = sink
+        self._keys = bus.Keys(run)
+        self._inbox: queue.SimpleQueue[Note] = queue.SimpleQueue()
+        self._brief = dumps(scenario)
+        self._joined: set[int] = set()  # who has a process that takes part
+        self._connected: set[int] = set()  # by liveliness
+        self._lock = threading.Lock()  # guards the world
+        self._running = False
+        self._refused: Counter[tuple[int, str]] = Counter()
+        self._to_robots = {
+            robot: bus.publisher(session, self._keys.to_robot(robot), blocking=self.blocking)
+            for robot in scenario.ids
+        }
+        self._subscriptions: list[Any] = []
+
+    def stop(self) -> None:
+        """End the run soon, keeping what was recorded."""
+        self._inbox.put(self._outcome("interrupted", None, "stopped by the user"))
+
+    def run(self) -> Outcome:
+        """Host the run from the handshake to the last report."""
+        self._listen()
+        try:
+            self._gather()
+            self._sink(Event("started", 0, {"robots": self._scenario.ids}))
+            gc.freeze()  # what start-up has made stays; do not scan it again and again
+            self._go()
+            raise AssertionError("a run ends by raising")
+        except Ended as end:
+            outcome = end.outcome
+        with self._lock:
+            self._running = False
+        self._wind_up()
+        self._sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
+        self._farewell(outcome)
+        self._report()
+        self._last_words()
+        self._sink(outcome)
+        return outcome
+
+    # --- what time is, and what happens in it -----------------------------------------
+
+    def _t_ns(self) -> int:
+        """The run's time."""
+        raise NotImplementedError
+
+    def _last_tick(self) -> int:
+        """The last tick whose broadcasts were all sent, if there is such a thing; else -1."""
+        raise NotImplementedError
+
+    def _go(self) -> None:
+        """From the first tick to the end, which raises Ended."""
+        raise NotImplementedError
+
+    def _wind_up(self) -> None:
+        """Before the end is told."""
+        raise NotImplementedError
+
+    def _report(self) -> None:
+        """Send to the sink what has not been yet."""
+        raise NotImplementedError
+
+    def _last_words(self) -> None:
+        """After the robots' last reports."""
+
+    def _lose(self, robot: int, why: str) -> None:
+        """Go on without ``robot``, or end the run."""
+        raise NotImplementedError
+
+    def _on_message(self, robot: int, message: Message) -> None:
+        """A message of a robot, on a thread of Zenoh's."""
+        raise NotImplementedError
+
+    # --- the main thread -----------------------------------------------------------
+
+    def _gather(self) -> None:
+        """Brief every robot and wait until all of them hear their neighbours."""
+        joined = self._joined
+        ready: set[int] = set()
+        everyone = set(self._scenario.ids)
+        patience = Patience()
+        last_patience = Patience(self._start_patience_s or inf)
+        while ready != everyone:
+            if last_patience.lost((len(joined), len(ready))):
+                late = everyone - joined
+                what = "join" if late else "be heard by its neighbours"
+                robot = min(late or self._unheard(everyone - ready))
+                raise Ended(self._outcome("lost", robot, f"did not {what} in time"))
+            if patience.lost((len(joined), len(ready))):
+                if joined != everyone:
+                    self._complain("join", sorted(everyone - joined))
+                else:
+                    self._complain("be heard", sorted(self._unheard(everyone - ready)))
+            message = self._next()
+            if isinstance(message, Join) and message.robot in everyone:
+                if message.protocol != PROTOCOL:
+                    raise Ended(self._mismatch(message))
+                if message.robot not in joined:
+                    joined.add(message.robot)
+                    met = self._scenario.neighbours_of[message.robot]
+                    self._tell(message.robot, Brief(self._brief, 0, met))
+            elif isinstance(message, Ready):
+                ready.add(message.robot)
+            elif isinstance(message, Vanished):
+                raise Ended(self._outcome("lost", message.robot, VANISHED))
+            elif message is not None:
+                self._handle(message)
+
+    def _unheard(self, unready: set[int]) -> set[int]:
+        """Of robots that have not heard all their neighbours, those whom no neighbour has heard."""
+        neighbours = self._scenario.neighbours_of
+        return {robot for robot in unready if unready.issuperset(neighbours[robot])} or unready
+
+    def _next(self, seconds: float = PATIENCE_S / 4) -> Note | None:
+        with suppress(queue.Empty):
+            return self._inbox.get(timeout=seconds)
+        return None
+
+    def _mismatch(self, join: Join) -> Outcome:
+        return self._outcome(
+            "failed",
+            join.robot,
+            f"speaks protocol {join.protocol}, the plant {PROTOCOL}: install the same version of "
+            "formnet everywhere",
+        )
+
+    def _complain(self, what: str, robots: list[int]) -> None:
+        """Say on whom the run waits."""
+        self._sink(Event("waiting", self._t_ns(), {"for": what, "robots": robots}))
+
+    def _handle(self, message: Note) -> None:
+        """Anything but the hot path. Raises Ended when it ends the run."""
+        if isinstance(message, Outcome):
+            raise Ended(message)
+        if isinstance(message, Vanished) and message.robot in self._joined:
+            self._lose(message.robot, VANISHED)
+        if isinstance(message, Samples | LinkRows | Event):
+            self._sink(message)
+        elif isinstance(message, Links):
+            self._sink(LinkRows(message.rows))
+        elif isinstance(message, Rejected):
+            self._sink(
+                Event(
+                    "rejected",
+                    self._t_ns(),
+                    {
+                        "robot": message.robot,
+                        "source": message.source,
+                        "reason": message.reason,
+                        "times": message.times,
+                    },
+                )
+            )
+        elif isinstance(message, Failed):
+            raise Ended(self._outcome("failed", message.robot, message.error))
+
+    def _farewell(self, outcome: Outcome) -> None:
+        """Tell every robot that it is over, and take their last reports."""
+        leaving = set(self._joined)
+        if outcome.kind in ("failed", "lost") and outcome.robot is not None:
+            leaving.discard(outcome.robot)
+        for robot in leaving:
+            self._tell(robot, End(robot, outcome.kind, self._last_tick()))
+        hasty = outcome.kind == "interrupted"
+        while leaving:
+            patience_s = HASTY_FAREWELL_S if hasty else FAREWELL_S
+            if not leaving & self._connected:  # what they said last may still be on its way
+                patience_s = HASTY_FAREWELL_S
+            try:
+                message = self._inbox.get(timeout=patience_s)
+            except queue.Empty:
+                details = {"robots": sorted(leaving)}
+                self._sink(Event("silent at the end", self._t_ns(), details))
+                return
+            if isinstance(message, End):
+                leaving.discard(message.robot)
+            elif isinstance(message, Outcome):
+                hasty = hasty or message.kind == "interrupted"
+            elif not isinstance(message, Turn | Vanished):
+                with suppress(Ended):
+                    self._handle(message)
+
+    def _tell(self, robot: int, message: Message) -> None:
+        self._to_robots[robot].put(encode(message))
+
+    def _outcome(self, kind: str, robot: int | None, reason: str) -> Outcome:
+        return Outcome(kind, self._t_ns(), robot, reason)
+
+    # --- Zenoh's threads -------------------------------------------------------------
+
+    def _listen(self) -> None:
+        alive = self._session.liveliness()
+        self._subscriptions += [
+            alive.declare_token(self._keys.plant_alive),
+            alive.declare_subscriber(
+                self._keys.robots_alive, self._on_robot_liveliness, history=True
+            ),
+            bus.on_robots_message(
+                self._session, self._keys, self._scenario.ids, self._on_message, self._refuse
+            ),
+        ]
+
+    def _pass_on(self, robot: int, message: Message) -> None:
+        """To the main thread."""
+        if getattr(message, "robot", robot) == robot:
+            self._inbox.put(message)
+        else:
+            self._refuse(robot, f"claims to be robot {getattr(message, 'robot', None)}")
+
+    def _refuse(self, robot: int, reason: str) -> None:
+        """Count a bad message; report it at the first and then at every doubling."""
+        self._refused[robot, reason] += 1
+        count = self._refused[robot, reason]
+        if count & (count - 1) == 0:
+            details = {"robot": "plant", "source": robot, "reason": reason, "times": count}
+            self._inbox.put(Event("rejected", self._t_ns(), details))
+
+    def _on_robot_liveliness(self, sample: zenoh.Sample) -> None:
+        robot = bus.last_number(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._connected.discard(robot)
+            self._inbox.put(Vanished(robot))
+        else:
+            self._connected.add(robot)

@@ -1,0 +1,317 @@
+"""The plant in lockstep: a thin shell around :class:`plant.world.World`.
+
+Drives arrive on one Zenoh thread, which integrates, and sends the next senses
+when a tick is complete; the main thread does everything that goes wrong.
+"""
+
+import traceback
+from collections.abc import Callable, Mapping
+from math import inf
+
+import zenoh
+
+from formation.messages import (
+    KILL,
+    Brief,
+    CatchUp,
+    Drive,
+    End,
+    Gone,
+    Join,
+    Meet,
+    Message,
+    Ready,
+    Waiting,
+    encode,
+)
+from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
+from formation.scenario import Scenario
+from plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
+from plant.world import DIVERGED, World
+
+_FLUSH_TICKS = 100
+_MOST_UNREAD = 500
+"""How many broadcasts may wait in the network's buffers (64 KiB, at least) for a paused robot."""
+
+
+def _culprits(awaited: list[int], waiting: Mapping[int, Waiting], tick: int) -> list[int]:
+    """On whom the run waits: not on those who wait for somebody themselves."""
+    victims = {robot for robot, message in waiting.items() if message.tick == tick}
+    silent = [robot for robot in awaited if robot not in victims]
+    named = {robot for victim in victims for robot in waiting[victim].neighbours}
+    return silent or sorted(named - victims) or awaited
+
+
+class LockstepPlant(Host):
+    """Owns virtual time: a tick is over once every robot that is up has answered it."""
+
+    def __init__(
+        self, session: zenoh.Session, scenario: Scenario, run: str,
+        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(session, scenario, run, sink, start_patience_s)
+        self._world = World(scenario)
+        self._gone: list[Gone] = []  # who was lost, unplanned
+        self._paused: set[int] = set()
+        self._stir_at = inf  # the tick at which they have to take in what they have been sent
+        self._behind: set[int] = set()  # who is doing so
+        self._ready: set[int] = set()  # who has met whom it had to meet before this tick
+        self._begun = -1  # the tick whose senses were sent last
+        self._puts: list[tuple[int, Callable[[bytes], None]]] = []  # to those who are up
+        self._prepared: dict[int, bytes] = {}  # each robot's next sense, as soon as it is known
+
+    def _t_ns(self) -> int:
+        return self._world.t_ns
+
+    def _last_tick(self) -> int:
+        return self._world.tick - 1
+
+    def _go(self) -> None:
+        self._running = True
+        self._turn()
+        self._attend()
+
+    def _wind_up(self) -> None:
+        if self._paused:  # to say their last they have to run
+            self._sink(Stir(sorted(self._paused), True))
+
+    def _report(self) -> None:
+        self._sink(Samples(self._world.take_samples()))
+        self._sink(LinkRows(self._world.take_down_rows()))
+
+    def _attend(self) -> None:
+        """Record what comes in until the run ends (by raising).
+
+        While nothing moves, complain, and in the end go on without those who do not answer.
+        """
+        world = self._world
+        waiting: dict[int, Waiting] = {}  # what each robot has said last of whom it waits for
+        patience, last_patience = Patience(), Patience(self._scenario.run.patience_s)
+        beat = Patience()
+        while True:
+            tick, awaited = world.tick, world.awaited()
+            if patience.lost(tick):
+                self._complain("answer", _culprits(awaited, waiting, tick))
+            if last_patience.lost((tick, awaited)):
+                why = f"did not answer for {self._scenario.run.patience_s:g} s"
+                for robot in _culprits(awaited, waiting, tick):
+                    self._lose(robot, why)
+                waiting.clear()
+            if beat.lost(None):  # the launcher takes a silent plant for one that hangs
+                with self._lock:
+                    self._flush()
+            message = self._next()
+            if isinstance(message, Waiting):
+                waiting[message.robot] = message
+            elif isinstance(message, Turn):
+                self._turn()
+            elif message is not None:
+                self._handle(message)
+
+    # --- robots that fail --------------------------------------------------------------
+
+    def _turn(self) -> None:
+        """See to what is planned for this tick, and begin it. Time stands still meanwhile."""
+        world = self._world
+        if world.tick <= self._begun and world.up and not world.finished:
+            return  # it has begun already
+        while not world.finished:
+            restarted: list[int] = []
+            for _, verb, robots in world.happenings if world.tick > self._begun else []:
+                if verb == "kill":
+                    self._dismiss(robots)
+                self._sink(Event(verb, world.t_ns, {"robots": robots}))
+                if verb == "kill":
+                    self._paused.difference_update(robots)
+                    self._wait("die", robots, self._is_dead, dying=True)
+                elif verb == "restart":
+                    restarted = robots
+                elif verb == "pause":
+                    self._paused.update(robots)
+                else:
+                    self._paused.difference_update(robots)
+            if restarted:
+                self._welcome(restarted)
+            if world.up:
+                break
+            world.idle()
+        self._stir()
+        self._begin_tick()
+
+    def _stir(self) -> None:
+        """Have paused robots take in what their neighbours have sent, before it is too much."""
+        world = self._world
+        if world.tick >= self._stir_at:
+            self._behind = {robot for robot in self._paused if robot in self._joined}
+            stirred = sorted(self._behind)
+            self._sink(Stir(stirred, True))
+            for robot in stirred:
+                self._tell(robot, CatchUp(robot, world.tick - 1))
+            self._wait("catch up", stirred, self._has_caught_up)
+            self._sink(Stir([robot for robot in stirred if robot in self._paused], False))
+            self._stir_at = inf
+        degree = max((len(self._scenario.neighbours_of[r]) for r in self._paused), default=0)
+        if degree:
+            ticks = max(1, _MOST_UNREAD // degree) * self._scenario.clock.broadcast_every
+            self._stir_at = min(self._stir_at, world.tick + ticks)
+        else:
+            self._stir_at = inf
+
+    def _is_dead(self, robot: int) -> bool:
+        return robot not in self._connected
+
+    def _has_joined(self, robot: int) -> bool:
+        return robot in self._joined
+
+    def _has_left(self, robot: int) -> bool:
+        return robot not in self._joined
+
+    def _has_caught_up(self, robot: int) -> bool:
+        return robot not in self._behind
+
+    def _is_ready(self, robot: int) -> bool:
+        return robot in self._ready
+
+    def _begin_tick(self) -> None:
+        """Send the senses of this tick, or end the run after the last."""
+        with self._lock:
+            if self._world.finished:
+                self._inbox.put(self._completed())
+                return
+            self._begun = self._world.tick
+            up = self._world.up
+            self._puts = [(robot, self._to_robots[robot].put) for robot in up]
+            for robot, sense in self._world.senses():
+                self._tell(robot, sense)
+
+    def _dismiss(self, robots: list[int]) -> None:
+        """Have robots that are to be killed hand in their last reports."""
+        stopped = [robot for robot in robots if robot in self._paused]
+        if stopped:  # to say their last they have to run
+            self._sink(Stir(stopped, True))
+        leaving = [robot for robot in robots if robot in self._joined]
+        for robot in leaving:
+            self._tell(robot, End(robot, KILL, self._world.tick - 1))
+        self._wait("say its last", leaving, self._has_left, dying=True)
+        self._joined.difference_update(robots)
+
+    def _welcome(self, restarted: list[int]) -> None:
+        """Brief new processes, and have them and their neighbours meet."""
+        world, neighbours = self._world, self._scenario.neighbours_of
+        self._ready.clear()
+        self._wait("join", restarted, self._has_joined, least_s=START_PATIENCE_S)
+        here = [robot for robot in world.up if robot in self._joined]
+        meeting: list[int] = []
+        for robot in here:
+            new = robot in restarted
+            met = [r for r in neighbours[robot] if r in here and (new or r in restarted)]
+            if new:
+                self._tell(robot, Brief(self._brief, world.tick, met))
+                for gone in self._gone:
+                    self._tell(robot, gone)
+            elif met:
+                self._tell(robot, Meet(world.tick, met))
+            if new or met:
+                meeting.append(robot)
+        self._wait("meet its neighbours", meeting, self._is_ready, least_s=START_PATIENCE_S)
+
+    def _wait(
+        self, what: str, robots: list[int], done: Callable[[int], bool],
+        *, least_s: float = 0.0, dying: bool = False,
+    ) -> None:  # fmt: skip
+        """Until ``done`` says yes of all ``robots``.
+
+        Who takes too long is lost, unless it is ``dying`` anyway.
+        """
+        patience = Patience()
+        last_patience = Patience(max(least_s, self._scenario.run.patience_s))
+        while True:
+            here = robots if dying else [*self._world.up, *self._paused]
+            left = [robot for robot in robots if robot in here and not done(robot)]
+            if not left:
+                return
+            if patience.lost(left):
+                self._complain(what, left)
+            if last_patience.lost(left):
+                if dying:
+                    return
+                for robot in left:
+                    self._lose(robot, f"did not {what} in time")
+            message = self._next()
+            if isinstance(message, Join) and message.robot in robots:
+                self._joined.add(message.robot)
+            elif isinstance(message, Ready):
+                if message.tick == self._world.tick:
+                    self._ready.add(message.robot)
+            elif isinstance(message, CatchUp):
+                self._behind.discard(message.robot)
+            elif isinstance(message, End) or (
+                dying and isinstance(message, Vanished) and message.robot in robots
+            ):
+                self._joined.discard(message.robot)
+            elif message is not None:
+                self._handle(message)
+
+    def _lose(self, robot: int, why: str) -> None:
+        """Go on without ``robot``, or end the run."""
+        world = self._world
+        if self._scenario.run.on_unscheduled_loss == "abort":
+            raise Ended(self._outcome("lost", robot, why))
+        with self._lock:
+            tick, t_ns = world.tick, world.t_ns
+            gone = Gone(robot, world.lose(robot))
+        self._joined.discard(robot)
+        self._paused.discard(robot)
+        self._gone.append(gone)
+        self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": gone.tick}))
+        for other in self._joined:
+            self._tell(other, gone)
+        if world.finished or world.tick > tick or not world.up:
+            self._inbox.put(Turn())
+
+    def _completed(self) -> Outcome:
+        diverged = self._world.diverged
+        if diverged is None:
+            return self._outcome("completed", None, "")
+        return self._outcome("diverged", diverged.robot, DIVERGED)
+
+    # --- Zenoh's threads -------------------------------------------------------------
+
+    def _on_message(self, robot: int, message: Message) -> None:
+        if type(message) is not Drive:
+            self._pass_on(robot, message)
+            return
+        with self._lock:
+            if self._running:
+                self._on_drive(robot, message)
+
+    def _on_drive(self, robot: int, drive: Drive) -> None:
+        world = self._world
+        try:
+            if drive.robot != robot:
+                raise ValueError(f"claims to be robot {drive.robot}")
+            self._prepared[robot] = encode(world.on_drive(drive))
+        except ValueError as error:
+            self._refuse(robot, str(error))
+            return
+        except Exception as error:  # our own mistake: it must not hang the run
+            traceback.print_exc()
+            self._inbox.put(self._outcome("broken", robot, f"{type(error).__name__}: {error}"))
+            return
+        if world.finished:
+            self._running = False
+            self._inbox.put(self._completed())
+        elif world.tick > drive.tick:
+            if world.changed or world.tick >= self._stir_at:
+                self._inbox.put(Turn())
+            else:
+                self._begun = world.tick
+                for robot, put in self._puts:
+                    put(self._prepared[robot])
+            if world.tick % _FLUSH_TICKS == 0:
+                self._flush()
+
+    def _flush(self) -> None:
+        """Have the main thread report what is new; the caller holds the lock."""
+        self._inbox.put(Samples(self._world.take_samples()))
+        self._inbox.put(LinkRows(self._world.take_down_rows()))

@@ -1,0 +1,243 @@
+"""The plant in real time: a thin shell around :class:`plant.timed.TimedWorld`.
+
+Robots ask where they are and say what they do, whenever they like; both is dealt with on one
+Zenoh thread, at once. The main thread takes samples when they are due and does everything that
+goes wrong.
+"""
+
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from formation.messages import (
+    PROTOCOL,
+    Ask,
+    Begin,
+    Brief,
+    Drive,
+    Gone,
+    Join,
+    Measured,
+    Message,
+    Ready,
+    Timing,
+    encode,
+)
+from formation.record import Event, Outcome, Samples, Stir, Streamed
+from formation.scenario import Scenario
+from formation.sync import Spread
+from netem.wallclock import wake_punctually
+from plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
+from plant.timed import TimedWorld
+from plant.world import DIVERGED
+
+_REPORT_S = 0.1
+_MOST_AHEAD = 10
+"""By how many periods a robot's clock may be ahead before its questions are refused."""
+
+
+class RealtimePlant(Host):
+    """Time is the monotonic clock's, from the first tick on."""
+
+    blocking = False
+
+    def __init__(
+        self, session: zenoh.Session, scenario: Scenario, run: str,
+        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(session, scenario, run, sink, start_patience_s)
+        self._world = TimedWorld(scenario)
+        self._origin_ns = 0
+        self._heard_s: dict[int, float] = {}  # when each robot said something last
+        self._sensed: dict[int, tuple[int, int]] = {}  # each robot's last question, and when
+        self._latency_s = {robot: Spread() for robot in scenario.ids}  # sense to drive
+        self._driven: dict[int, int] = {}  # the period of each robot's last drive
+        self._period_ns = scenario.clock.control_period_ns
+        self._lateness_s = Spread()
+        self._timings: dict[int, Timing] = {}
+        self._worst_s: dict[int, float] = {}  # each robot's greatest uncertainty of time
+        self._paused: set[int] = set()
+
+    def _t_ns(self) -> int:
+        if not self._origin_ns:
+            return 0
+        return min(time.monotonic_ns() - self._origin_ns, self._world.end_ns)
+
+    def _last_tick(self) -> int:
+        return -1
+
+    # --- the main thread -----------------------------------------------------------
+
+    def _go(self) -> None:
+        wake_punctually()
+        self._origin_ns = time.monotonic_ns()
+        self._running = True
+        now_s = time.monotonic()
+        for robot in self._scenario.ids:
+            self._heard_s[robot] = now_s
+            self._tell(robot, Begin(0))
+        report_at = now_s
+        while True:
+            with self._lock:
+                next_ns = self._world.next_ns()
+            wait_ns = self._origin_ns + next_ns - time.monotonic_ns()
+            message = self._next(max(wait_ns, 0) / 1e9)
+            if message is not None:
+                self._handle(message)
+            now_ns = time.monotonic_ns() - self._origin_ns
+            if now_ns < next_ns:
+                continue
+            self._lateness_s.add((now_ns - next_ns) / 1e9)
+            with self._lock:
+                happened = self._world.advance(now_ns)
+                over = now_ns >= self._world.end_ns or self._world.diverged is not None
+            for happening in happened:
+                self._happen(happening.verb, happening.robots)
+            if over or time.monotonic() > report_at:
+                report_at = time.monotonic() + _REPORT_S
+                self._report()
+                self._look_for_silent()
+            if over:
+                raise Ended(self._completed())
+
+    def _happen(self, verb: str, robots: list[int]) -> None:
+        self._sink(Event(verb, self._t_ns(), {"robots": robots}))
+        if verb in ("kill", "restart"):
+            self._joined.difference_update(robots)
+        if verb == "pause":
+            self._paused.update(robots)
+        else:
+            self._paused.difference_update(robots)
+        patience_s = START_PATIENCE_S if verb == "restart" else 0.0
+        for robot in robots:
+            self._heard_s[robot] = time.monotonic() + patience_s
+
+    def _look_for_silent(self) -> None:
+        """Go on without those from whom nothing has come for too long."""
+        patience_s, now_s = self._scenario.run.patience_s, time.monotonic()
+        t_ns = self._t_ns()
+        for robot in self._scenario.ids:
+            if self._world.up(robot, t_ns) and now_s - self._heard_s[robot] > patience_s:
+                self._lose(robot, f"did not ask or drive for {patience_s:g} s")
+
+    def _handle(self, message: Note) -> None:
+        if isinstance(message, Join):
+            self._welcome(message)
+        elif isinstance(message, Ready):
+            if message.robot in self._joined:
+                self._heard_s[message.robot] = time.monotonic()
+                self._tell(message.robot, Begin(self._t_ns()))
+        elif isinstance(message, Timing):
+            self._note(message)
+        elif isinstance(message, Vanished) and not self._world.up(message.robot, self._t_ns()):
+            pass  # killed, as planned
+        else:
+            super()._handle(message)
+
+    def _welcome(self, join: Join) -> None:
+        """A robot that was restarted is there: it takes part as soon as it can."""
+        robot = join.robot
+        if join.protocol != PROTOCOL:
+            raise Ended(self._mismatch(join))
+        if robot in self._scenario.ids and robot not in self._joined:
+            self._joined.add(robot)
+            self._sensed.pop(robot, None)
+            self._driven.pop(robot, None)
+            tick = self._t_ns() // self._scenario.clock.control_period_ns
+            self._tell(robot, Brief(self._brief, tick, []))
+
+    def _note(self, timing: Timing) -> None:
+        self._timings[timing.robot] = timing
+        worst_s = max(self._worst_s.get(timing.robot, 0.0), timing.uncertainty_s)
+        bound_s = self._scenario.clock.sync_bound_s
+        if worst_s > bound_s >= self._worst_s.get(timing.robot, 0.0):
+            details = {"robot": timing.robot, "uncertainty_s": worst_s, "bound_s": bound_s}
+            self._sink(Event("clock uncertain", self._t_ns(), details))
+        self._worst_s[timing.robot] = worst_s
+
+    def _lose(self, robot: int, why: str) -> None:
+        if self._scenario.run.on_unscheduled_loss == "abort":
+            raise Ended(self._outcome("lost", robot, why))
+        t_ns = self._t_ns()
+        with self._lock:
+            tick = self._world.lose(robot, t_ns)
+        self._joined.discard(robot)
+        self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": tick}))
+        for other in self._joined:
+            self._tell(other, Gone(robot, tick))
+
+    def _wind_up(self) -> None:
+        if self._paused:
+            self._sink(Stir(sorted(self._paused), True))
+
+    def _report(self) -> None:
+        with self._lock:
+            samples = self._world.take_samples()
+        self._sink(Samples(samples))
+
+    def _last_words(self) -> None:
+        """How well time was kept."""
+        robots = {}
+        for robot, timing in sorted(self._timings.items()):
+            robots[str(robot)] = {
+                "periods": timing.periods,
+                "missed": timing.missed,
+                "sense_to_drive_s": _named(self._latency_s[robot].summary()),
+                "woke_late_s": _named(timing.lateness_s),
+                "transit_s": _named(timing.transit_s),
+                "clock_offset_s": timing.offset_s,
+                "clock_uncertainty_s": self._worst_s[robot],
+            }
+        details = {"plant": {"woke_late_s": _named(self._lateness_s.summary())}, "robots": robots}
+        self._sink(Event("timing", self._t_ns(), details))
+
+    def _completed(self) -> Outcome:
+        diverged = self._world.diverged
+        if diverged is None:
+            return self._outcome("completed", None, "")
+        return Outcome("diverged", diverged.t_ns, diverged.robot, DIVERGED)
+
+    # --- Zenoh's threads -------------------------------------------------------------
+
+    def _on_message(self, robot: int, message: Message) -> None:
+        now_ns = time.monotonic_ns() - self._origin_ns
+        if type(message) is Ask:
+            with self._lock:
+                self._on_ask(robot, message, now_ns)
+        elif type(message) is Drive:
+            with self._lock:
+                self._on_drive(robot, message, now_ns)
+        else:
+            self._pass_on(robot, message)
+
+    def _on_ask(self, robot: int, ask: Ask, now_ns: int) -> None:
+        if not self._running or not self._world.up(robot, now_ns):
+            return
+        last = self._sensed.get(robot, (-1, 0))[0]
+        if ask.robot != robot:
+            self._refuse(robot, f"claims to be robot {ask.robot}")
+        elif not last < ask.number <= now_ns // self._period_ns + _MOST_AHEAD:
+            self._refuse(robot, "asks for a period that was or is not yet")
+        else:
+            state = self._world.measure(robot, now_ns)
+            self._to_robots[robot].put(encode(Measured(ask.number, now_ns, state)))
+            self._sensed[robot] = (ask.number, now_ns)
+            self._heard_s[robot] = now_ns / 1e9 + self._origin_ns / 1e9
+
+    def _on_drive(self, robot: int, drive: Drive, now_ns: int) -> None:
+        if not self._running or not self._world.up(robot, now_ns):
+            return
+        number, sensed_ns = self._sensed.get(robot, (-1, 0))
+        if drive.robot != robot:
+            self._refuse(robot, f"claims to be robot {drive.robot}")
+        elif drive.tick != number or number <= self._driven.get(robot, -1):
+            self._refuse(robot, "a drive for another period than it asked for last")
+        else:
+            self._driven[robot] = number
+            self._world.drive(robot, now_ns, drive.right, drive.left)
+            self._latency_s[robot].add((now_ns - sensed_ns) / 1e9)
+
+
+def _named(summary: list[float]) -> dict[str, float] | None:
+    return dict(zip(("p50", "p99", "max"), summary, strict=True)) if summary else None

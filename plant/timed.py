@@ -1,0 +1,174 @@
+"""All robots' bodies in continuous time, as a pure core: what :mod:`plant.world` is to ticks.
+
+Nobody waits for anybody. Each body moves under its newest drive from the instant at which that
+came; a drive older than ``plant.drive_timeout_s`` no longer counts and the robot brakes. The
+caller says what time it is; every robot is sampled at exactly the recorded instants.
+"""
+
+import math
+
+from formation.messages import State, finite
+from formation.record import Sample
+from formation.roster import Happening, Roster
+from formation.scenario import Scenario
+from netem.tables import nanoseconds
+from netem.timeline import NEVER
+from plant.body import Body, braked, driven, steered
+from plant.world import Diverged
+
+
+class _Track:
+    """One robot's motion up to ``t_ns``."""
+
+    def __init__(self, body: Body, state: State) -> None:
+        self.body = body
+        self.state = state
+        self.t_ns = 0
+        self.drive: tuple[float, float] | None = None
+        self.stale_ns = 0  # until when the drive counts
+        self.sample = 0  # the next one to take
+
+
+class TimedWorld:
+    """Feed it drives and the time; it says where everybody is.
+
+    Attributes:
+        diverged: the first robot whose command, or where it led, was not finite.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._ids = scenario.ids
+        self.diverged: Diverged | None = None
+        self._roster: Roster = scenario.roster()
+        self._control_ns = scenario.clock.control_period_ns
+        self._sample_ns = scenario.clock.broadcast_period_ns
+        self._end_ns = scenario.ticks * self._control_ns
+        self._samples = -(-self._end_ns // self._sample_ns)  # the last one is at the end
+        self._timeout_ns = nanoseconds(scenario.plant.drive_timeout_s)
+        self._on_failure = scenario.plant.body_on_failure
+        self._brake_time_s = scenario.plant.brake_time_s
+        self._dynamic = scenario.law.level == "dynamic"
+        self._tracks = {
+            robot: _Track(Body.of(scenario.vehicles[robot]), scenario.start_state(robot))
+            for robot in self._ids
+        }
+        self._happenings: list[Happening] = self._roster.happenings()
+        self._rows: dict[int, dict[int, Sample]] = {}  # by number of sample, then by robot
+        self._complete = 0  # the next sample that not everybody has
+        self._next_ns = 0  # when the next one is due
+
+    @property
+    def end_ns(self) -> int:
+        """When the run is over."""
+        return self._end_ns
+
+    def up(self, robot: int, t_ns: int) -> bool:
+        """Whether ``robot`` takes part at ``t_ns``."""
+        return self._roster.up(robot, t_ns // self._control_ns)
+
+    def next_ns(self) -> int:
+        """When the next sample is due, or the next thing that is planned."""
+        planned = self._happenings[:1]
+        return min([self._next_ns, *(some.tick * self._control_ns for some in planned)])
+
+    def measure(self, robot: int, t_ns: int) -> State:
+        """Where ``robot`` is at ``t_ns`` (or at what was asked last, if that is later)."""
+        track = self._tracks[robot]
+        self._advance(robot, track, min(t_ns, self._end_ns))
+        return track.state
+
+    def drive(self, robot: int, t_ns: int, first: float, second: float) -> None:
+        """``robot`` applies these from ``t_ns`` on (see :class:`formation.messages.Drive`)."""
+        track = self._tracks[robot]
+        self._advance(robot, track, min(t_ns, self._end_ns))
+        if not (math.isfinite(first) and math.isfinite(second)):
+            self._diverge(robot, track.t_ns)
+            return
+        track.drive, track.stale_ns = (first, second), track.t_ns + self._timeout_ns
+
+    def advance(self, t_ns: int) -> list[Happening]:
+        """Move everybody up to ``t_ns``; returns what was planned until then."""
+        t_ns = min(t_ns, self._end_ns)
+        for robot, track in self._tracks.items():
+            self._advance(robot, track, t_ns)
+        self._next_ns = min((t_ns // self._sample_ns + 1) * self._sample_ns, self._end_ns)
+        happened = []
+        while self._happenings and self._happenings[0].tick * self._control_ns <= t_ns:
+            happened.append(self._happenings.pop(0))
+        return happened
+
+    def lose(self, robot: int, t_ns: int) -> int:
+        """``robot`` is gone, unplanned; returns from which tick of the control period on."""
+        tick = t_ns // self._control_ns + 1
+        self._roster.lose(robot, tick)
+        return tick
+
+    def take_samples(self) -> list[Sample]:
+        """Samples that everybody has, since the last call, in the order of time and file."""
+        taken: list[Sample] = []
+        while len(self._rows.get(self._complete, ())) == len(self._ids):
+            rows = self._rows.pop(self._complete)
+            taken.extend(rows[robot] for robot in self._ids)
+            self._complete += 1
+        return taken
+
+    def _advance(self, robot: int, track: _Track, t_ns: int) -> None:
+        """In pieces in which nothing changes, and which end where a sample is due."""
+        while True:
+            sample_ns = self._due_ns(track.sample)
+            if sample_ns == track.t_ns:
+                self._take(robot, track)
+                sample_ns = self._due_ns(track.sample)
+            if track.t_ns >= t_ns or self.diverged is not None:
+                return
+            tick = track.t_ns // self._control_ns
+            change = min(self._roster.next_down(robot, tick + 1), self._next_up(robot, tick))
+            until_ns = min(t_ns, sample_ns, change * self._control_ns)
+            if track.drive is not None and track.stale_ns > track.t_ns:
+                until_ns = min(until_ns, track.stale_ns)
+            track.state = self._moved(robot, track, (until_ns - track.t_ns) * 1e-9)
+            track.t_ns = until_ns
+            if not finite(track.state):
+                self._diverge(robot, until_ns)
+
+    def _due_ns(self, sample: int) -> int:
+        if sample > self._samples:
+            return NEVER
+        return min(sample * self._sample_ns, self._end_ns)
+
+    def _next_up(self, robot: int, tick: int) -> int:
+        span = self._roster.span(robot, tick)
+        return NEVER if span is None else span.end
+
+    def _moved(self, robot: int, track: _Track, seconds: float) -> State:
+        applied = self._applied(robot, track)
+        if applied is not None:
+            if self._dynamic:
+                return driven(track.body, track.state, applied[0], applied[1], seconds)
+            return steered(track.state, applied[0], applied[1], seconds)
+        down = not self.up(robot, track.t_ns)
+        if down and self._on_failure == "freeze":
+            return State(*track.state[:3], 0.0, 0.0)
+        if down and self._on_failure == "coast":  # at the kinematic level
+            return steered(track.state, track.state.speed_mps, track.state.turn_rate_radps, seconds)
+        return braked(track.state, seconds, self._brake_time_s)
+
+    def _applied(self, robot: int, track: _Track) -> tuple[float, float] | None:
+        """What drives a robot now; None if its brakes (or nothing) do."""
+        if not self.up(robot, track.t_ns):
+            track.drive = None  # one that comes back begins anew
+            return (0.0, 0.0) if self._dynamic and self._on_failure == "coast" else None
+        return track.drive if track.t_ns < track.stale_ns else None
+
+    def _take(self, robot: int, track: _Track) -> None:
+        applied = self._applied(robot, track) if self._dynamic else None
+        torques: tuple[float | None, float | None] = (None, None)
+        if applied is not None:
+            torques = track.body.saturated(applied[0]), track.body.saturated(applied[1])
+        row = Sample(track.t_ns, robot, *track.state, *torques)
+        self._rows.setdefault(track.sample, {})[robot] = row
+        track.sample += 1
+
+    def _diverge(self, robot: int, t_ns: int) -> None:
+        if self.diverged is None:
+            self.diverged = Diverged(t_ns, robot)
