@@ -8,12 +8,21 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks import bridging, exchange, inline_speed, lateness, losses, scaling, throughput
+from benchmarks import (
+    bridging,
+    exchange,
+    inline_speed,
+    lateness,
+    losses,
+    pacing,
+    scaling,
+    throughput,
+)
 from benchmarks.helics_fed import CORE
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.table import BenchmarkError, Report, Row
 
-GROUPS = ("a", "b", "c", "d", "e", "f", "g")
+GROUPS = ("a", "b", "c", "d", "e", "f", "g", "h")
 
 
 def main() -> int:
@@ -56,7 +65,9 @@ def _measure(group: str, plan: Plan, folder: Path) -> list[Row]:
         return lateness.measure(plan)
     if group == "f":
         return bridging.measure(plan, folder)
-    return losses.measure(plan, folder)
+    if group == "g":
+        return losses.measure(plan, folder)
+    return pacing.measure(plan, folder)
 
 
 def _arguments() -> argparse.Namespace:
@@ -64,8 +75,8 @@ def _arguments() -> argparse.Namespace:
         prog="python -m benchmarks",
         description="Cost of formnet's lockstep against the bare Zenoh exchange and HELICS (a), "
         "inline speed (b), growth with the robots (c), a link's throughput (d) and its lateness "
-        "on the wall clock (e), a bridge between Zenoh programs (f), and how long the others stand "
-        "still when a robot is lost (g); one table.",
+        "on the wall clock (e), a bridge between Zenoh programs (f), how long the others stand "
+        "still when a robot is lost (g), real time (h); one table.",
     )
     parser.add_argument(
         "--ticks", type=_at_least(LEAST_TICKS), default=2000,

@@ -30,7 +30,9 @@ PATIENCE_S = 1.0
 """``run.patience_s`` of these runs."""
 BOUND_S = START_PATIENCE_S + PATIENCE_S + 30.0
 """How long a run may go on after the signal: longest if the robot had not joined yet."""
-SPAN_S = 6.0
+DURATION_S = 10.0
+"""Of a run, in virtual time: some four seconds on the wall."""
+SPAN_S = 4.5
 """The signal comes within this time from the start of the robot's process on."""
 
 
@@ -64,7 +66,7 @@ def trial(number: signal.Signals, robot: int, after_s: float) -> tuple[float, st
     """One run: seconds from the signal to its end, how it ended, and what is wrong with that."""
     with tempfile.TemporaryDirectory(prefix="formnet-trial-") as scratch:
         out = Path(scratch) / "run"
-        overrides = ("duration_s=4.0", f"run.patience_s={PATIENCE_S}")
+        overrides = (f"duration_s={DURATION_S}", f"run.patience_s={PATIENCE_S}")
         command = [sys.executable, "-m", "lab.cli", "run", str(SECTION5), "--out", str(out)]
         for override in overrides:
             command += ["--set", override]
@@ -86,10 +88,12 @@ def trial(number: signal.Signals, robot: int, after_s: float) -> tuple[float, st
             code = launcher.wait(BOUND_S)
         except subprocess.TimeoutExpired:
             launcher.kill()
+            launcher.wait()
             return BOUND_S, "not at all", [f"still running {BOUND_S:g} s after the signal"]
         took_s = time.monotonic() - began_s
+        _, children = psutil.wait_procs(children, timeout=2.0)
         how, problems = _ending(out, code, robot)
-        problems += [f"left behind: {child.pid}" for child in children if child.is_running()]
+        problems += [f"left behind: {child.pid}" for child in children]
     return took_s, how if sent else f"{how} (it was over already)", problems
 
 
@@ -112,7 +116,9 @@ def _wrong(
 ) -> Iterator[str]:  # fmt: skip
     if code not in ((0, 1) if kind == "completed" else (3,)):
         yield f"exit code {code} of a run that is {kind}"
-    if kind == "completed" and (verdict["simulated_s"], samples) != (4.0, 5 * 401):
+    if kind == "completed" and (
+        verdict["simulated_s"], samples,
+    ) != (DURATION_S, 5 * (round(100 * DURATION_S) + 1)):  # fmt: skip
         yield f"completed with {samples} samples up to {verdict['simulated_s']} s"
     if kind == "completed" and not links:
         yield "no messages"

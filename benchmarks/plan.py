@@ -41,6 +41,16 @@ class Plan:
         """A link takes some microseconds a message."""
         return 100 * self.ticks
 
+    @property
+    def paced_s(self) -> int:
+        """Seconds of a run in real time."""
+        return max(2, self.ticks // 100)
+
+    @property
+    def paced_rounds(self) -> int:
+        """Fewer: they take their time."""
+        return min(3, self.rounds)
+
     def say(self, what: str) -> None:
         """Tell what is being measured."""
         self.console.print(what, style="dim", highlight=False)
