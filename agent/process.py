@@ -10,10 +10,10 @@ who is waited for, and the end.
 
 import gc
 import queue
-import sys
 import threading
 import time
 import traceback
+from collections import Counter
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -29,6 +29,8 @@ from formation.loading import loads
 from formation.messages import (
     HELLO,
     KILL,
+    MOST_TEXT,
+    PLANT,
     PROTOCOL,
     Begin,
     Brief,
@@ -44,6 +46,7 @@ from formation.messages import (
     Message,
     MessageError,
     Ready,
+    Rejected,
     Sense,
     Waiting,
     decode,
@@ -77,6 +80,7 @@ class RobotProcess:
         self._started = threading.Event()
         self._broadcast: zenoh.Publisher | None = None
         self._heard: set[int] = set()
+        self._refused: Counter[str] = Counter()
         self._to_plant = bus.publisher(session, self._keys.from_robot(robot))
         self._subscriptions: list[Any] = [
             session.declare_subscriber(self._keys.to_robot(robot), self._on_plant)
@@ -96,12 +100,12 @@ class RobotProcess:
         brief = self._until(Brief, Join(self._id, PROTOCOL))
         if not isinstance(brief, Brief):
             return 3
-        scenario = loads(brief.scenario, "brief")
-        timed = scenario.clock.mode == "realtime"
-        self._broadcast = broadcast = bus.publisher(
-            self._session, self._keys.broadcast(self._id), blocking=not timed
-        )
         try:
+            scenario = loads(brief.scenario, "brief")
+            timed = scenario.clock.mode == "realtime"
+            self._broadcast = broadcast = bus.publisher(
+                self._session, self._keys.broadcast(self._id), blocking=not timed
+            )
             law = make(scenario, self._id)
             if timed:
                 core = TimedRobot(scenario, self._id, run=self._run, law=law, first_tick=brief.tick)
@@ -267,7 +271,7 @@ class RobotProcess:
         try:
             message = decode(sample.payload.to_bytes())
         except MessageError as error:
-            print(f"refused a message on the plant's key: {error}", file=sys.stderr, flush=True)
+            self._refuse(str(error))
             return
         if type(message) is Measured and self._loop is not None:
             try:
@@ -298,6 +302,13 @@ class RobotProcess:
         except LawFailed as error:
             self._fail(error)
 
+    def _refuse(self, reason: str) -> None:
+        """Count what came on the plant's key and is none of its; tell at every doubling."""
+        self._refused[reason] += 1
+        count = self._refused[reason]
+        if count & (count - 1) == 0:
+            self._send(Rejected(self._id, PLANT, reason, count))
+
     def _on_broadcast(self, source: int, sample: zenoh.Sample) -> None:
         self._heard.add(source)
         if self._loop is not None:
@@ -324,7 +335,7 @@ class RobotProcess:
     def _fail(self, error: Exception) -> int:
         traceback.print_exc()
         what = str(error) if isinstance(error, LawFailed) else f"{type(error).__name__}: {error}"
-        failed = Failed(self._id, what)
+        failed = Failed(self._id, what[:MOST_TEXT])
         self._send(failed)
         self._inbox.put(failed)
         return 3

@@ -132,12 +132,12 @@ class RealtimeLoop:
             known, now_ns = self._clock.known, time.monotonic_ns()
             timing = Timing(
                 self._id, self._periods, self._missed, self._lateness_s.summary(),
-                robot.transit_s.summary(),
-                self._clock.offset_ns() / 1e9 if known else 0.0,
-                self._clock.uncertainty_ns(now_ns) / 1e9 if known else float("inf"),
-            )  # fmt: skip
+                robot.transit_s.summary(), self._clock.offset_ns() / 1e9,
+                self._clock.uncertainty_ns(now_ns) / 1e9,
+            ) if known else None  # fmt: skip
         for start in range(0, len(rows), _MOST_ROWS):
             self._send(encode(Links(self._id, rows[start : start + _MOST_ROWS])))
         for rejection in rejections:
             self._send(encode(rejection))
-        self._send(encode(timing))
+        if timing is not None:
+            self._send(encode(timing))

@@ -78,7 +78,8 @@ class _Timing:
     def missed(self) -> float:
         """Percent of all robots' periods."""
         robots = self._details["robots"].values()
-        return 100.0 * sum(r["missed"] for r in robots) / sum(r["periods"] for r in robots)
+        missed, periods = (sum(int(own[what]) for own in robots) for what in ("missed", "periods"))
+        return 100.0 * missed / periods
 
     @property
     def plant_ms(self) -> float:

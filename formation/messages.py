@@ -20,9 +20,18 @@ import msgpack
 from mypy_extensions import mypyc_attr
 
 from formation.record import LinkRow
+from netem.link import FATES
 
 PROTOCOL: Final = 3
 """Version of the messages; a robot and a plant must agree on it."""
+
+
+MOST_BROADCAST_BYTES: Final = 512
+"""The longest broadcast: what a robot says has a fixed size, but for the run's name."""
+MOST_BYTES: Final = 8 * 2**20
+"""The longest of all other messages: a scenario with thousands of robots."""
+MOST_TEXT: Final = 4000
+"""The longest text in them, in characters, but for the scenario."""
 
 
 make: Final = tuple.__new__
@@ -83,8 +92,10 @@ class Broadcast(NamedTuple):
         """Decode and check a broadcast.
 
         Raises:
-            MessageError: damaged, not msgpack, wrong fields, wrong types, or not finite.
+            MessageError: oversized, damaged, not msgpack, wrong fields, wrong types, or not finite.
         """
+        if len(data) > MOST_BROADCAST_BYTES:
+            raise MessageError(f"oversized: more than {MOST_BROADCAST_BYTES} bytes")
         content = data[:-4]
         if data[-4:] != crc32(content).to_bytes(4, "little"):
             raise MessageError("damaged: its checksum is another")
@@ -223,12 +234,19 @@ class Links(NamedTuple):
 
 
 class Rejected(NamedTuple):
-    """Robot to plant: a message from ``source`` was refused, ``times`` so far for this reason."""
+    """Robot to plant: a message from ``source`` was refused, ``times`` so far for this reason.
+
+    ``source`` is a robot's id, or PLANT: what came on the plant's key need not be the plant's.
+    """
 
     robot: int
     source: int
     reason: str
     times: int
+
+
+PLANT: Final = -1
+"""Stands for the plant where else a robot's id does."""
 
 
 class Failed(NamedTuple):
@@ -352,8 +370,10 @@ def decode(data: bytes) -> Message:
     """The lockstep message in ``data``.
 
     Raises:
-        MessageError: unknown kind, wrong number of fields, or wrong types.
+        MessageError: oversized, unknown kind, wrong number of fields, or wrong types.
     """
+    if len(data) > MOST_BYTES:
+        raise MessageError(f"oversized: more than {MOST_BYTES} bytes")
     first = data[0] if data else -1
     try:
         if first == _DRIVE:
@@ -381,14 +401,28 @@ def _decode_rare(data: bytes) -> Message:
     kind: Any = _KINDS[fields[0]]
     if [type(value) for value in fields[1:]] != _FIELD_TYPES[kind]:
         raise MessageError(f"malformed: {kind.__name__}")
-    if kind in (Waiting, Brief, Meet) and any(type(robot) is not int for robot in fields[-1]):
-        raise MessageError(f"malformed: {kind.__name__}")
-    if kind is Timing and any(type(value) is not float for value in [*fields[4], *fields[5]]):
-        raise MessageError("malformed: Timing")
     if kind is Links:
         fields[2] = [_link_row(row) for row in fields[2]]
+    else:
+        longest = MOST_BYTES if kind is Brief else MOST_TEXT
+        inner: Any = float if kind is Timing else int
+        for value in fields[1:]:
+            elements = value if type(value) is list else [value]
+            if not all(_sound(element, longest) for element in elements):
+                raise MessageError(f"out of range: {kind.__name__}")
+            if type(value) is list and any(type(element) is not inner for element in value):
+                raise MessageError(f"malformed: {kind.__name__}")
     message: Message = kind(*fields[1:])
     return message
+
+
+def _sound(value: Any, longest: int) -> bool:
+    """Whether it can be worked with: integers of 64 bits, finite numbers, texts not too long."""
+    if type(value) is int:
+        return -(2**63) <= value < 2**63
+    if type(value) is float:
+        return math.isfinite(value)
+    return type(value) is not str or len(value) <= longest
 
 
 def _link_row(row: Any) -> LinkRow:
@@ -396,4 +430,9 @@ def _link_row(row: Any) -> LinkRow:
     usable = kinds[1:2] in ([int], [type(None)])
     if not usable or [*kinds[:1], *kinds[2:]] != [int, int, int, int, str]:
         raise MessageError("malformed: Links")
+    _, _, source, destination, _, fate = row
+    if not all(_sound(value, MOST_TEXT) for value in row) or fate not in FATES:
+        raise MessageError("out of range: Links")
+    if not (0 <= source < 2**31 and 0 <= destination < 2**31):
+        raise MessageError("out of range: Links")
     return LinkRow(*row)

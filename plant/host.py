@@ -19,6 +19,7 @@ import zenoh
 from formation import bus
 from formation.loading import dumps
 from formation.messages import (
+    PLANT,
     PROTOCOL,
     Brief,
     End,
@@ -71,6 +72,8 @@ class Patience:
 
 
 VANISHED = "its process is gone"
+MOST_COMPLAINTS = 10_000
+"""How often one robot may tell of refused messages; then nobody listens any more."""
 
 
 class Turn(NamedTuple):
@@ -113,6 +116,7 @@ class Host:
         self._lock = threading.Lock()  # guards the world
         self._running = False
         self._refused: Counter[tuple[int, str]] = Counter()
+        self._complaints: Counter[int] = Counter()  # how often each robot told of refusals
         self._to_robots = {
             robot: bus.publisher(session, self._keys.to_robot(robot), blocking=self.blocking)
             for robot in scenario.ids
@@ -243,15 +247,21 @@ class Host:
         if isinstance(message, Samples | LinkRows | Event):
             self._sink(message)
         elif isinstance(message, Links):
-            self._sink(LinkRows(message.rows))
+            if all(row.destination == message.robot for row in message.rows):
+                self._sink(LinkRows(message.rows))
+            else:
+                self._refuse(message.robot, "tells fates on others' links")
         elif isinstance(message, Rejected):
+            self._complaints[message.robot] += 1
+            if self._complaints[message.robot] > MOST_COMPLAINTS:
+                return
             self._sink(
                 Event(
                     "rejected",
                     self._t_ns(),
                     {
                         "robot": message.robot,
-                        "source": message.source,
+                        "source": "plant" if message.source == PLANT else message.source,
                         "reason": message.reason,
                         "times": message.times,
                     },

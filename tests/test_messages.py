@@ -38,14 +38,16 @@ from formation.messages import (
     sealed,
 )
 from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
+from netem.link import FATES
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
-integers = st.integers(-(2**63), 2**64 - 1)
-words = st.integers(-(2**63), 2**63 - 1)
+integers = st.integers(-(2**63), 2**63 - 1)
 texts = st.text("aZ09 -_\x00\x1f\x7fé√\u2028\uffff\U0001f600", max_size=20)
 states = st.builds(State, finite, finite, finite, finite, finite)
 wild_states = st.builds(State, *[st.floats()] * 5)
-link_rows = st.builds(LinkRow, integers, st.none() | integers, integers, integers, integers, texts)
+ids = st.integers(0, 2**31 - 1)
+fates = st.sampled_from(sorted(FATES))
+link_rows = st.builds(LinkRow, integers, st.none() | integers, ids, ids, integers, fates)
 broadcasts = st.builds(Broadcast, texts, integers, integers, integers, states)
 
 KINDS = {
@@ -56,13 +58,13 @@ KINDS = {
     Gone: st.builds(Gone, integers, integers),
     CatchUp: st.builds(CatchUp, integers, integers),
     Begin: st.builds(Begin, integers),
-    Ask: st.builds(Ask, words, words),
-    Measured: st.builds(Measured, words, words, wild_states),
+    Ask: st.builds(Ask, integers, integers),
+    Measured: st.builds(Measured, integers, integers, wild_states),
     Timing: st.builds(
         Timing, integers, integers, integers, st.lists(finite), st.lists(finite), finite, finite
     ),
-    Sense: st.builds(Sense, words, wild_states),
-    Drive: st.builds(Drive, words, words, st.floats(), st.floats()),
+    Sense: st.builds(Sense, integers, wild_states),
+    Drive: st.builds(Drive, integers, integers, st.floats(), st.floats()),
     Waiting: st.builds(Waiting, integers, integers, st.lists(integers, max_size=5)),
     Links: st.builds(Links, integers, st.lists(link_rows, max_size=3)),
     Rejected: st.builds(Rejected, integers, integers, texts, integers),
@@ -125,7 +127,7 @@ def test_broadcast_of_large_finite_values_is_not_called_infinite():
     assert Broadcast.unpack(GOOD._replace(state=state).pack()).state == state
 
 
-@given(words, words, words)
+@given(integers, integers, integers)
 def test_envelope_arrives_identical(robot, sequence, tick):
     envelope = Envelope(robot, sequence, tick)
     arrived = Envelope.unpack(envelope.pack())
@@ -216,7 +218,7 @@ def test_message_of_every_tick_of_another_length_is_malformed(message):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "integers"),
     [
         ([], "tagged list"),
         ({}, "tagged list"),
@@ -238,8 +240,8 @@ def test_message_of_every_tick_of_another_length_is_malformed(message):
         ([4, 1, [[0, 0, 1, 2, 3, 4]]], "Links"),
     ],
 )
-def test_lockstep_message_that_is_none_is_refused_with_the_reason(content, words):
-    with pytest.raises(MessageError, match=words):
+def test_lockstep_message_that_is_none_is_refused_with_the_reason(content, integers):
+    with pytest.raises(MessageError, match=integers):
         decode(msgpack.packb(content))
 
 
