@@ -16,6 +16,7 @@ import traceback
 from collections import Counter
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -53,6 +54,7 @@ from formation.messages import (
     encode,
 )
 from formation.process import on_stop
+from formation.security import Credentials, robot_name
 from netem.link import IN_FLIGHT, LOST_DOWN
 
 RETRY_S = 0.05
@@ -341,13 +343,20 @@ class RobotProcess:
         return 3
 
 
-def main(*, robot: int, run: str, connect: str, stop_at_end_of_input: bool) -> int:
+def main(
+    *, robot: int, run: str, connect: str, stop_at_end_of_input: bool,
+    keys: Path | None = None, plaintext: bool = False,
+) -> int:  # fmt: skip
     """Run robot ``robot`` of run ``run`` against the plant at ``connect``; returns the exit code.
 
+    ``keys`` and ``plaintext`` are as in :func:`formation.bus.session`.
+
     Raises:
-        BusError: the plant cannot be reached.
+        BusError: the plant cannot be reached, or must not be in this way.
+        KeysError: the robot's keys are not in ``keys``.
     """
-    with bus.session(connect=connect) as session:
+    credentials = None if keys is None else Credentials(keys, robot_name(robot))
+    with bus.session(connect=connect, credentials=credentials, plaintext=plaintext) as session:
         process = RobotProcess(session, robot, run)
         on_stop(process.stop, at_end_of_input=stop_at_end_of_input)
         return process.run()

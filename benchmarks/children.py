@@ -13,13 +13,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
-from lab.launch import end
+from lab.launch import LocalChild, end
 
 GRACE_S = 3.0
 """How long children have to end by themselves once the number is known."""
 POLL_S = 0.1
-
-Child = subprocess.Popen[bytes]
 
 
 def reported(commands: Mapping[str, Sequence[str]], logs: Path, *, limit_s: float) -> float:
@@ -49,14 +47,14 @@ def reported(commands: Mapping[str, Sequence[str]], logs: Path, *, limit_s: floa
 
 
 @contextmanager
-def running(commands: Mapping[str, Sequence[str]], logs: Path) -> Iterator[dict[str, Child]]:
+def running(commands: Mapping[str, Sequence[str]], logs: Path) -> Iterator[dict[str, LocalChild]]:
     """All ``commands`` as processes; only the first one's standard output can be read."""
     logs.mkdir(parents=True, exist_ok=True)
-    children: dict[str, Child] = {}
+    children: dict[str, LocalChild] = {}
     try:
         for name, command in commands.items():
             with (logs / f"{name}.log").open("wb") as log:
-                children[name] = subprocess.Popen(
+                children[name] = LocalChild(
                     [sys.executable, "-m", *command],
                     stdin=subprocess.PIPE,
                     stdout=log if children else subprocess.PIPE,  # the first one reports
@@ -68,7 +66,7 @@ def running(commands: Mapping[str, Sequence[str]], logs: Path) -> Iterator[dict[
         _end(list(children.values()))
 
 
-def _end(children: list[Child]) -> None:
+def _end(children: list[LocalChild]) -> None:
     end(children, time.monotonic() + GRACE_S)
     for child in children:
         if child.stdout is not None:

@@ -24,6 +24,7 @@ import zenoh
 from mypy_extensions import mypyc_attr
 
 from formation.messages import Message, MessageError, decode
+from formation.security import Credentials, access_control
 
 LOOPBACK = "127.0.0.1"
 
@@ -66,20 +67,33 @@ def last_number(key: object) -> int:
 
 
 @contextmanager
-def session(*, connect: str | None = None, listen: str | None = None) -> Iterator[zenoh.Session]:
+def session(
+    *,
+    connect: str | None = None,
+    listen: str | None = None,
+    credentials: Credentials | None = None,
+    robots: Iterable[int] = (),
+    plaintext: bool = False,
+    patience_s: float = 10.0,
+) -> Iterator[zenoh.Session]:
     """An open session, closed at the end (an unclosed one hangs the interpreter's exit).
 
+    With ``credentials`` it speaks mutual TLS (endpoints ``tls/...``), and one that listens lets
+    ``robots`` and a monitor do no more than :func:`formation.security.access_control` says.
+    Off loopback that is required, unless ``plaintext`` is explicit.
+
     Raises:
-        BusError: an endpoint is not on loopback, is taken, or nobody answers there within 10 s.
+        BusError: an endpoint is not allowed, is taken, or nobody answers there within
+            ``patience_s`` (which is what a refused certificate looks like).
     """
     for endpoint in filter(None, (connect, listen)):
-        _require_loopback(endpoint)
-    config = {
+        _check(endpoint, credentials, plaintext=plaintext)
+    config: dict[str, Any] = {
         "mode": "router" if listen else "client",
         "listen": {"endpoints": [listen] if listen else []},
         "connect": {
             "endpoints": [connect] if connect else [],
-            "timeout_ms": 10_000,
+            "timeout_ms": round(1000 * patience_s),
             "exit_on_failure": True,
             "retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 1.5},
         },
@@ -94,11 +108,18 @@ def session(*, connect: str | None = None, listen: str | None = None) -> Iterato
             "shared_memory": {"enabled": False},
         },
     }  # fmt: skip
+    if credentials is not None:
+        config["transport"]["link"]["tls"] = credentials.tls(listening=listen is not None)
+        if listen:
+            config["access_control"] = access_control(robots)
     try:
         opened = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
         what = f"listen on {listen}" if listen else f"reach {connect}"
-        raise BusError(f"cannot {what}: {error}") from None
+        hint = ""
+        if credentials is not None and connect:
+            hint = " (or it refuses this certificate, or is not of this authority)"
+        raise BusError(f"cannot {what}: {error}{hint}") from None
     try:
         yield opened
     finally:
@@ -142,13 +163,23 @@ def on_robots_message(
     return opened.declare_subscriber(keys.from_robots, handle)
 
 
-def _require_loopback(endpoint: str) -> None:
+def _check(endpoint: str, credentials: Credentials | None, *, plaintext: bool) -> None:
+    secure = endpoint.startswith("tls/")
+    if credentials is not None and not secure:
+        raise BusError(f"{endpoint}: with keys, an endpoint must be tls/HOST:PORT")
+    if credentials is None and secure:
+        raise BusError(f"{endpoint}: a tls endpoint needs keys (--keys DIR; `formnet keys init`)")
+    if not (secure or plaintext or on_loopback(endpoint)):
+        raise BusError(
+            f"{endpoint}: off loopback, messages are encrypted and authorised: give --keys DIR and "
+            "an endpoint tls/HOST:PORT (or --plaintext, on a network that you trust)"
+        )
+
+
+def on_loopback(endpoint: str) -> bool:
+    """Whether an endpoint such as ``tcp/127.0.0.1:7447`` is on this machine alone."""
     address = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
     try:
-        local = address == "localhost" or ip_address(address).is_loopback
+        return address == "localhost" or ip_address(address).is_loopback
     except ValueError:
-        local = False
-    if not local:
-        raise BusError(
-            f"{endpoint}: only loopback endpoints such as tcp/{LOOPBACK}:7447 are allowed"
-        )
+        return False

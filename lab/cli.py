@@ -26,6 +26,15 @@ OVERRIDE = click.option(
 RUN = click.option(
     "--run", "run_name", required=True, metavar="ID", help="The run to take part in."
 )
+KEYS = click.option(
+    "--keys",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Speak TLS, with the certificates in DIR (`formnet keys init` makes them).",
+)
+PLAINTEXT = click.option(
+    "--plaintext", is_flag=True, help="Off loopback without TLS: only on a network that you trust."
+)
 LEASH = click.option(
     "--leash", is_flag=True, help="End when standard input ends (the launcher's way to stop)."
 )
@@ -57,15 +66,35 @@ def main() -> None:
 @click.option(
     "--inline", is_flag=True, help="Everything in one process, without Zenoh; same trajectories."
 )
-def run(scenario: Path, out: Path | None, overrides: tuple[str, ...], inline: bool) -> None:
+@click.option(
+    "--hosts",
+    type=click.Path(path_type=Path),
+    metavar="HOSTS.toml",
+    help="Run robots on other machines, over SSH (docs/hosts.md).",
+)
+@KEYS
+@PLAINTEXT
+def run(
+    scenario: Path,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    inline: bool,
+    hosts: Path | None,
+    keys: Path | None,
+    plaintext: bool,
+) -> None:
     """Run SCENARIO.toml and judge it.
 
     Exit code 0: every claim in [expect] holds; 1: one does not; 2: bad scenario or usage;
     3: the run itself broke; 130: interrupted.
     """
+    if inline and (hosts or keys or plaintext):
+        raise click.UsageError("--inline is one process: no --hosts, --keys or --plaintext")
+    from lab.place import Where
     from lab.run import run_scenario
 
-    sys.exit(run_scenario(scenario, overrides, out, inline=inline))
+    where = Where(hosts, keys, plaintext)
+    sys.exit(run_scenario(scenario, overrides, out, inline=inline, where=where))
 
 
 @main.command()
@@ -186,6 +215,42 @@ def nemesis(
     sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
 
 
+@main.group()
+def keys() -> None:
+    """Certificates: who is who in a run over several machines."""
+
+
+@keys.command("init")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--robots", required=True, metavar="IDS", help="For whom, e.g. 1-5 or 1,3,7-9.")
+@click.option(
+    "--hosts",
+    default="",
+    metavar="NAMES",
+    help="Names and addresses at which the plant is reached, e.g. lab-pc,192.168.1.10.",
+)
+@click.option("--days", type=click.IntRange(1, 3650), default=365, show_default=True)
+def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
+    """Make an authority and a certificate for the plant, a monitor and every robot.
+
+    Private keys have mode 0600, and nothing is ever overwritten: run it again for more robots.
+    """
+    try:
+        from lab.keys import KeysExist, make, robots_of
+    except ImportError:
+        _fail(2, "keys need the package cryptography: pip install 'formnet[hosts]'")
+    try:
+        ids = robots_of(robots)
+    except ValueError as error:
+        raise click.UsageError(f"--robots: {error}") from None
+    try:
+        written = make(folder, ids, [name for name in hosts.split(",") if name], days)
+    except (KeysExist, OSError) as error:
+        _fail(2, str(error))
+    for path in written:
+        click.echo(str(path))
+
+
 @main.command()
 def laws() -> None:
     """List the control laws that law.kind can name."""
@@ -238,14 +303,28 @@ def netem_bridge(first: str, second: str, keys: str, network: Path, control: str
 )
 @RUN
 @LEASH
-def agent(robot: int, connect: str, run_name: str, leash: bool) -> None:
+@KEYS
+@PLAINTEXT
+def agent(
+    robot: int, connect: str, run_name: str, leash: bool, keys: Path | None, plaintext: bool
+) -> None:
     """Be one robot of a run (formnet run starts these)."""
     from agent.process import main as agent_main
     from formation.bus import BusError
+    from formation.security import KeysError
 
     try:
-        sys.exit(agent_main(robot=robot, run=run_name, connect=connect, stop_at_end_of_input=leash))
-    except BusError as error:
+        sys.exit(
+            agent_main(
+                robot=robot,
+                run=run_name,
+                connect=connect,
+                stop_at_end_of_input=leash,
+                keys=keys,
+                plaintext=plaintext,
+            )
+        )
+    except (BusError, KeysError) as error:
         _fail(3, str(error))
 
 
@@ -270,6 +349,8 @@ def agent(robot: int, connect: str, run_name: str, leash: bool) -> None:
 @RUN
 @LEASH
 @OVERRIDE
+@KEYS
+@PLAINTEXT
 def plant(
     scenario: Path,
     listen: str,
@@ -278,10 +359,13 @@ def plant(
     run_name: str,
     leash: bool,
     overrides: tuple[str, ...],
+    keys: Path | None,
+    plaintext: bool,
 ) -> None:
     """Be the plant of a run of SCENARIO.toml (formnet run starts it)."""
     from formation.bus import BusError
     from formation.loading import ScenarioError, load
+    from formation.security import KeysError
     from plant.process import main as plant_main
 
     try:
@@ -297,9 +381,11 @@ def plant(
                 record=record,
                 stop_at_end_of_input=leash,
                 start_patience_s=start_patience_s,
+                keys=keys,
+                plaintext=plaintext,
             )
         )
-    except (BusError, OSError) as error:
+    except (BusError, KeysError, OSError) as error:
         _fail(3, str(error))
 
 

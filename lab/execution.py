@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from formation.record import Outcome, Sink
 from lab import inline as one_process
-from lab.launch import Launch
+from lab.launch import HERE, Launch, Place
 from lab.recording import Recording
 
 
@@ -16,16 +16,20 @@ def execute(
     refresh: Callable[[], None] = lambda: None,
     *,
     inline: bool,
+    place: Place = HERE,
 ) -> Outcome:
     """Run ``recording.scenario``, records going to ``sink``; ``stopped`` ends it early.
 
     ``sink`` passes them on to ``recording``. ``refresh`` is called now and then. The logs of a
-    distributed run's processes are put into the recording's folder.
+    distributed run's processes are put into the recording's folder; ``place`` says where they are.
+
+    Raises:
+        HostLost: a robot's host cannot be reached.
     """
     scenario, folder = recording.scenario, recording.folder
     name = f"{scenario.name}-{secrets.token_hex(6)}"  # unique on the bus
     if not inline:
-        launch = Launch(folder / "scenario.toml", scenario, name, sink, folder / "logs")
+        launch = Launch(folder / "scenario.toml", scenario, name, sink, folder / "logs", place)
         return launch.wait(stopped, refresh)
 
     def asked() -> bool:

@@ -16,7 +16,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from formation.bus import LOOPBACK
 from formation.record import Event, Outcome, Samples, Sink, Stir, read
@@ -27,7 +29,65 @@ GRACE_S = 1.5
 """How long children have to end by themselves before they are killed."""
 _LOOK_S = 0.1
 
-Child = subprocess.Popen[bytes]
+
+class Child(Protocol):
+    """A process that was started: here (:class:`LocalChild`) or on another host."""
+
+    returncode: int | None
+
+    def poll(self) -> int | None:
+        """Its exit code; None while it runs."""
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its exit code, once it has ended. Raises TimeoutError, subprocess.TimeoutExpired."""
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended."""
+
+    def kill(self) -> None:
+        """End it by force."""
+
+    def release(self) -> None:
+        """Let go of its leash: it ends in order."""
+
+
+class LocalChild(subprocess.Popen[bytes]):
+    """A child on this machine."""
+
+    def release(self) -> None:
+        """See :class:`Child`."""
+        if self.stdin is not None:
+            with suppress(OSError):
+                self.stdin.close()
+
+
+StartElsewhere = Callable[[int, list[str], Path], Child | None]
+"""Starts a robot's process with these arguments on its host, logging to a file; None: not there."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a run's processes meet, and how they know each other.
+
+    ``endpoint`` is where the plant listens (None: a free port on loopback), ``keys`` the
+    folder of this machine's keys, ``plaintext`` whether an endpoint off loopback may go without;
+    ``elsewhere`` starts robots that are not to run on this machine.
+    """
+
+    endpoint: str | None = None
+    keys: Path | None = None
+    plaintext: bool = False
+    elsewhere: StartElsewhere = lambda *_: None
+
+    @property
+    def options(self) -> list[str]:
+        """What every process on this machine is told."""
+        found = [] if self.keys is None else ["--keys", str(self.keys)]
+        return found + (["--plaintext"] if self.plaintext else [])
+
+
+HERE = Place()
+"""All on this machine, on loopback."""
 
 
 class Launch:
@@ -35,11 +95,16 @@ class Launch:
 
     ``scenario_file`` is what the plant reads, ``name`` the run's id on the bus,
     ``logs`` where each child's standard error goes. ``endpoint`` is where the plant listens.
+
+    Raises:
+        HostLost: a robot's host cannot be reached; nothing is left running then.
     """
 
     def __init__(
-        self, scenario_file: Path, scenario: Scenario, name: str, sink: Sink, logs: Path
-    ) -> None:
+        self, scenario_file: Path, scenario: Scenario, name: str, sink: Sink, logs: Path,
+        place: Place = HERE,
+    ) -> None:  # fmt: skip
+        self._place = place
         self._sink = sink
         self._logs = logs
         self._outcome: Outcome | None = None
@@ -55,13 +120,20 @@ class Launch:
         self._lives: Counter[int] = Counter()
         self._common = common = ["--run", name, "--leash"]
         logs.mkdir(parents=True, exist_ok=True)
-        self.endpoint = endpoint = f"tcp/{LOOPBACK}:{free_port()}"
+        scheme = "tcp" if place.keys is None else "tls"
+        self.endpoint = endpoint = place.endpoint or f"{scheme}/{LOOPBACK}:{free_port()}"
         self.plant = self._spawn(
             "plant",
             ["plant", str(scenario_file), "--listen", endpoint, "--record", "-",
-             "--start-patience", str(START_PATIENCE_S), *common],
+             "--start-patience", str(START_PATIENCE_S), *common, *place.options],
         )  # fmt: skip
-        self.robots = {robot: self._spawn_robot(robot) for robot in scenario.ids}
+        self.robots: dict[int, Child] = {}
+        try:
+            for robot in scenario.ids:
+                self.robots[robot] = self._spawn_robot(robot)
+        except Exception:
+            end([self.plant, *self.robots.values()], time.monotonic() + GRACE_S)
+            raise
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -161,7 +233,7 @@ class Launch:
     def _stop(self) -> None:
         """Let go of the plant's leash: it tells the robots, reports and ends."""
         self._kill_at = time.monotonic() + 0.7 * GRACE_S
-        _release(self.plant)
+        self.plant.release()
 
     def _dead_robots(self) -> list[int]:
         return [
@@ -182,15 +254,17 @@ class Launch:
 
     def _spawn_robot(self, robot: int) -> Child:
         arguments = ["agent", "--robot", str(robot), "--connect", self.endpoint, *self._common]
-        return self._spawn(self._log_of(robot), arguments)
+        name = self._log_of(robot)
+        child = self._place.elsewhere(robot, arguments, self._logs / f"{name}.log")
+        return child or self._spawn(name, [*arguments, *self._place.options])
 
     def _log_of(self, robot: int) -> str:
         life = self._lives[robot]
         return f"robot-{robot}" + (f"-life-{life}" if life else "")
 
-    def _spawn(self, name: str, arguments: list[str]) -> Child:
+    def _spawn(self, name: str, arguments: list[str]) -> LocalChild:
         with (self._logs / f"{name}.log").open("wb") as log:
-            return subprocess.Popen(
+            return LocalChild(
                 [sys.executable, "-m", "lab.cli", *arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE if name == "plant" else log,
@@ -202,19 +276,13 @@ class Launch:
 def end(children: Sequence[Child], deadline: float) -> None:
     """Release every child's leash; kill what is still there at ``deadline`` (monotonic seconds)."""
     for child in children:
-        _release(child)
+        child.release()
     for child in children:
         try:
             child.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        except (subprocess.TimeoutExpired, TimeoutError):
             child.kill()
             child.wait()
-
-
-def _release(child: Child) -> None:
-    if child.stdin is not None:
-        with suppress(OSError):
-            child.stdin.close()
 
 
 def free_port() -> int:

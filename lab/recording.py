@@ -150,6 +150,10 @@ class Collected:
         robots = len(self.scenario.robots)
         return Trajectories(self.samples[-robots:], robots)
 
+    def now_ns(self) -> int:
+        """The time of the newest sample."""
+        return self.samples[-1].t_ns if self.samples else 0
+
     def roster(self) -> Roster:
         """Who was down when: as planned, and as it came."""
         roster = self.scenario.roster()

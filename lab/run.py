@@ -19,6 +19,7 @@ from formation.theory import assess
 from lab import verdict
 from lab.execution import execute
 from lab.links_table import links_table, output
+from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.recording import Recording, RunExists
 from lab.signals import stop_signals
 from netem.problems import Problem
@@ -33,7 +34,10 @@ CLAIM_TITLES = {
 }
 
 
-def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool) -> int:
+def run_scenario(
+    path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool,
+    where: Where = HERE,
+) -> int:  # fmt: skip
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``."""
     console = Console(stderr=True)
     try:
@@ -49,6 +53,11 @@ def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, in
         return BAD_INPUT
     for warning in assess(scenario).warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+    try:
+        hosts = where.hosts(scenario)
+    except BadPlace as error:
+        console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
+        return BAD_INPUT
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = out or Path("runs") / f"{scenario.name}-{stamp}"
     try:
@@ -58,8 +67,18 @@ def run_scenario(path: Path, overrides: tuple[str, ...], out: Path | None, *, in
         return BAD_INPUT
     mode = "inline" if inline else "distributed"
     with stop_signals() as stopped:
-        with _Watch(console, recording) as watch:
-            outcome = execute(recording, watch.take, stopped.is_set, watch.refresh, inline=inline)
+        with (
+            _Watch(console, recording) as watch,
+            where.place(hosts, watch.take, recording.now_ns) as place,
+        ):
+            try:
+                outcome = execute(
+                    recording, watch.take, stopped.is_set, watch.refresh, inline=inline,
+                    place=place,
+                )  # fmt: skip
+            except HostUnreachable as error:
+                outcome = Outcome("broken", 0, None, str(error))
+                watch.take(outcome)
         return _conclude(console, recording, outcome, watch.wall_s, mode)
 
 

@@ -4,31 +4,38 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO
 
 from formation import bus
 from formation.process import on_stop
 from formation.record import Event, Outcome, Streamed, writer
 from formation.scenario import Scenario
+from formation.security import PLANT, Credentials
 from plant.lockstep import LockstepPlant
 from plant.realtime import RealtimePlant
 
 
 def main(
     scenario: Scenario, *, run: str, listen: str, record: str | None, stop_at_end_of_input: bool,
-    start_patience_s: float | None = None,
+    start_patience_s: float | None = None, keys: Path | None = None, plaintext: bool = False,
 ) -> int:  # fmt: skip
     """Host a run; returns 0, or 3 if the run did not end by itself.
 
     ``record`` is the file for the record stream, ``-`` for standard output;
     without it, only what happens is told, on standard error. ``start_patience_s`` is as in
-    :class:`plant.host.Host`.
+    :class:`plant.host.Host`, ``keys`` and ``plaintext`` as in :func:`formation.bus.session`.
 
     Raises:
-        BusError: ``listen`` cannot be used.
+        BusError: ``listen`` cannot be used, or must not be in this way.
+        KeysError: the plant's keys are not in ``keys``.
         OSError: ``record`` exists already or cannot be written.
     """
-    with _sink(record) as sink, bus.session(listen=listen) as session:
+    credentials = None if keys is None else Credentials(keys, PLANT)
+    opened = bus.session(
+        listen=listen, credentials=credentials, robots=scenario.ids, plaintext=plaintext
+    )
+    with _sink(record) as sink, opened as session:
         kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
         plant = kind(session, scenario, run, sink, start_patience_s)
         on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)

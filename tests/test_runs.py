@@ -484,4 +484,4 @@ def test_endpoints_off_loopback_are_refused(root):
         cwd=root, capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert result.returncode == 3
-    assert "only loopback endpoints" in result.stderr
+    assert "off loopback, messages are encrypted and authorised" in result.stderr

@@ -1,0 +1,119 @@
+"""Where the processes of a run are to be, from what the user says of it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from formation import bus
+from formation.record import Event, Sink
+from formation.scenario import Scenario
+from formation.security import PLANT, Credentials, KeysError, robot_name
+from lab.launch import Child, Place
+
+if TYPE_CHECKING:
+    from lab.hosts import Host, Hosts
+
+
+class BadPlace(ValueError):
+    """What was asked for cannot be; the text says why."""
+
+
+class HostUnreachable(RuntimeError):
+    """A host on which a robot was to run cannot be reached."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """``--hosts``, ``--keys`` and ``--plaintext``."""
+
+    file: Path | None = None
+    keys: Path | None = None
+    plaintext: bool = False
+
+    def hosts(self, scenario: Scenario) -> "Hosts | None":
+        """The hosts, which must suit the scenario and the keys.
+
+        Raises:
+            BadPlace: they do not.
+        """
+        hosts = None
+        if self.file is not None:
+            try:
+                from lab.hosts import HostsError, load_hosts
+            except ImportError:
+                raise BadPlace("--hosts needs the package asyncssh: pip install 'formnet[hosts]'"
+                               ) from None  # fmt: skip
+            try:
+                hosts = load_hosts(self.file)
+            except HostsError as error:
+                raise BadPlace(str(error)) from None
+            self._check(scenario, hosts)
+        try:
+            if self.keys is not None:
+                Credentials(self.keys, PLANT)
+                for robot in scenario.ids:
+                    if hosts is None or hosts.of(robot) is None:
+                        Credentials(self.keys, robot_name(robot))
+        except KeysError as error:
+            raise BadPlace(f"--keys: {error}") from None
+        return hosts
+
+    def _check(self, scenario: Scenario, hosts: "Hosts") -> None:
+        for host in hosts.hosts:
+            for robot in host.robots:
+                if robot not in scenario.ids:
+                    place = f"{self.file}: hosts.{host.name}.robots"
+                    raise BadPlace(f"{place}: robot {robot} is not in the scenario")
+            if self.keys is not None and host.keys is None:
+                raise BadPlace(f"{self.file}: hosts.{host.name}.keys: is required with --keys")
+        secure = hosts.listen.startswith("tls/")
+        if secure and self.keys is None:
+            raise BadPlace(f"{self.file}: listen = {hosts.listen!r} needs --keys DIR")
+        if not secure and not self.plaintext and not bus.on_loopback(hosts.listen):
+            raise BadPlace(
+                f"{self.file}: listen = {hosts.listen!r}: off loopback it must be tls/HOST:PORT, "
+                "with --keys DIR (or --plaintext, on a network that you trust)"
+            )
+
+    @contextmanager
+    def place(
+        self, hosts: "Hosts | None", sink: Sink, now_ns: Callable[[], int]
+    ) -> Iterator[Place]:
+        """Where it is; connections to hosts are closed at the end.
+
+        ``sink`` hears of lost hosts, at ``now_ns()`` of the run's time.
+        """
+        if hosts is None:
+            yield Place(None, self.keys, self.plaintext)
+            return
+        from lab.hosts import Fleet, HostLost
+
+        def lost(host: "Host", why: str) -> None:
+            details = {"host": host.name, "robots": host.robots, "reason": why}
+            sink(Event("host lost", now_ns(), details))
+
+        with Fleet(lost) as fleet:
+
+            def elsewhere(robot: int, arguments: list[str], log: Path) -> Child | None:
+                host = hosts.of(robot)
+                if host is None:
+                    return None
+                options = ["--keys", host.keys] if host.keys is not None else []
+                options += ["--plaintext"] if self.plaintext else []
+                stream = log.open("a", encoding="utf-8", buffering=1)
+                try:
+                    return fleet.start(
+                        host,
+                        [*arguments, *options],
+                        lambda line: print(f"[{host.name}] {line}", end="", file=stream),
+                    )
+                except HostLost as error:
+                    raise HostUnreachable(str(error)) from None
+
+            yield Place(hosts.listen, self.keys, self.plaintext, elsewhere)
+
+
+HERE = Where()
+"""On this machine alone."""

@@ -1,0 +1,316 @@
+"""Keys, and who may say what: with real sessions, over TLS."""
+
+import json
+import shutil
+import stat
+import time
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+import zenoh
+from click.testing import CliRunner
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+
+from formation import bus
+from formation.security import MONITOR, PLANT, Credentials, KeysError, robot_name
+from lab import keys
+from lab.claims.command import CONFIGS
+from lab.cli import main
+from lab.launch import free_port
+
+PATIENCE_S = 1.0
+
+
+def formnet(*arguments):
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert "Traceback" not in result.output
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("keys")
+    keys.make(place, [1, 2, 3], ["10.1.2.3", "lab-pc"], 30)
+    return place
+
+
+class Hub:
+    """A plant's session, and all that reaches it or its robots."""
+
+    def __init__(self, session, endpoint):
+        self.session, self.endpoint = session, endpoint
+        self.heard, self.alive = [], []
+        self._kept = [
+            session.declare_subscriber("formnet/**", self._on_sample),
+            session.declare_subscriber(bus.Keys("run").from_robots, self._on_sample),
+            session.liveliness().declare_subscriber(
+                "formnet/*/alive/**", lambda s: self.alive.append(str(s.key_expr)), history=True
+            ),
+        ]
+
+    def _on_sample(self, sample):
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+
+
+@pytest.fixture(scope="module")
+def hub(folder):
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    with bus.session(
+        listen=endpoint, credentials=Credentials(folder, PLANT), robots=[1, 2, 3]
+    ) as session:
+        yield Hub(session, endpoint)
+
+
+def client(hub, folder, name):
+    return bus.session(
+        connect=hub.endpoint, credentials=Credentials(folder, name), patience_s=PATIENCE_S
+    )
+
+
+def until(condition):
+    deadline = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+@contextmanager
+def listening(session, key):
+    heard = []
+    subscription = session.declare_subscriber(
+        key, lambda sample: heard.append(sample.payload.to_bytes())
+    )
+    yield heard
+    subscription.undeclare()
+
+
+# --- making keys -----------------------------------------------------------------------------
+
+
+def test_keys_are_private_and_never_overwritten(tmp_path):
+    place = tmp_path / "keys"
+    code, said = formnet("keys", "init", place, "--robots", "1-2,7", "--hosts", "10.0.0.9,lab-pc")
+    assert code == 0
+    names = {"plant", "monitor", "robot-1", "robot-2", "robot-7", "ca"}
+    expected = {f"{name}{end}" for name in names for end in (".pem", "-key.pem")}
+    assert {path.name for path in place.iterdir()} == expected
+    assert len(said.split()) == len(expected)
+    for path in place.glob("*-key.pem"):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        assert b"PRIVATE KEY" in path.read_bytes()
+    before = {path: path.read_bytes() for path in place.iterdir()}
+    code, said = formnet("keys", "init", place, "--robots", "1-2")
+    assert code == 2
+    assert "has all of these keys already" in said
+    assert formnet("keys", "init", place, "--robots", "1-3")[0] == 0  # one more
+    assert {path.name for path in place.iterdir()} - expected == {"robot-3.pem", "robot-3-key.pem"}
+    assert all(path.read_bytes() == content for path, content in before.items())
+    (place / "ca-key.pem").unlink()
+    code, said = formnet("keys", "init", place, "--robots", "1-9")
+    assert code == 2
+    assert "certificates are made where the authority's key is" in said
+
+
+def test_certificates_say_who_and_where(folder):
+    authority = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
+    for name in (PLANT, MONITOR, robot_name(3)):
+        found = x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
+        found.verify_directly_issued_by(authority)
+        assert found.subject.rfc4514_string() == f"CN={name}"
+        left = found.not_valid_after_utc - datetime.now(UTC)
+        assert timedelta(days=29) < left <= timedelta(days=30)
+    plant = x509.load_pem_x509_certificate((folder / "plant.pem").read_bytes())
+    names = plant.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert {"localhost", "lab-pc"} <= set(names.get_values_for_type(x509.DNSName))
+    assert {"127.0.0.1", "10.1.2.3"} <= {str(a) for a in names.get_values_for_type(x509.IPAddress)}
+
+
+@pytest.mark.parametrize("text", ["", "a", "3-1", "1-", "1,,2", "-1", "1-9999999"])
+def test_what_is_no_list_of_robots_is_said(tmp_path, text):
+    code, said = formnet("keys", "init", tmp_path / "keys", "--robots", text)
+    assert code == 2
+    assert "--robots:" in said
+    assert not (tmp_path / "keys").exists()
+
+
+def test_a_folder_of_keys_that_lacks_something(folder, tmp_path):
+    with pytest.raises(KeysError, match=r"robot-4.pem is not there: make it with `formnet keys"):
+        Credentials(folder, robot_name(4))
+    shutil.copytree(folder, tmp_path / "open")
+    (tmp_path / "open" / "robot-1-key.pem").chmod(0o644)
+    with pytest.raises(KeysError, match="can be read by others: chmod 600"):
+        Credentials(tmp_path / "open", robot_name(1))
+
+
+# --- what is let through ------------------------------------------------------------------------
+
+
+def test_everybody_can_do_what_is_theirs(hub, folder):
+    names = bus.Keys("run")
+    with (
+        client(hub, folder, "robot-1") as one, client(hub, folder, "robot-3") as three,
+        client(hub, folder, "monitor") as monitor,
+        listening(one, names.to_robot(1)) as told, listening(one, names.broadcast(3)) as heard,
+        listening(monitor, names.broadcasts) as watched,
+    ):  # fmt: skip
+        token = three.liveliness().declare_token(names.robot_alive(3))
+        to_plant, to_all = (
+            bus.publisher(three, key) for key in (names.from_robot(3), names.broadcast(3))
+        )
+        sense = bus.publisher(hub.session, names.to_robot(1))
+
+        def all_through():
+            to_plant.put(b"drive")
+            to_all.put(b"state")
+            sense.put(b"sense")
+            return ((names.from_robot(3), b"drive") in hub.heard and names.robot_alive(3) in
+                    hub.alive and told and heard and watched)  # fmt: skip
+
+        until(all_through)
+        del token
+    assert set(told) == {b"sense"}
+    assert set(heard) == set(watched) == {b"state"}
+
+
+@pytest.mark.parametrize(
+    ("who", "key"),
+    [
+        ("robot-3", "from-robot/1"), ("robot-3", "broadcast/1"), ("robot-3", "to-robot/1"),
+        ("robot-3", "to-robot/3"), ("robot-3", "**"), ("robot-3", "alive/plant"),
+        ("monitor", "broadcast/1"), ("monitor", "to-robot/1"), ("monitor", "from-robot/1"),
+        ("monitor", "anything"),
+    ],
+)  # fmt: skip
+def test_nobody_can_do_what_is_another_s(hub, folder, who, key):
+    """A message that is allowed comes after: what did not come before it never does."""
+    mine = "from-robot/2"
+    with (
+        client(hub, folder, who) as liar,
+        client(hub, folder, "robot-1") as victim,
+        client(hub, folder, "robot-2") as honest,
+        listening(victim, "formnet/run/to-robot/1") as told,
+        listening(victim, "formnet/run/broadcast/1") as heard,
+    ):
+        hub.heard.clear()
+        liar.put(f"formnet/run/{key}", b"lie")
+        liar.delete("formnet/run/broadcast/1")
+        token = liar.liveliness().declare_token("formnet/run/alive/robot/2")
+        publisher = bus.publisher(liar, f"formnet/run/{key}") if "*" not in key else None
+        for _ in range(50):
+            if publisher is not None:
+                publisher.put(b"lie")
+            honest.put(f"formnet/run/{mine}", b"truth")
+            time.sleep(0.002)
+        until(lambda: (f"formnet/run/{mine}", b"truth") in hub.heard)
+        time.sleep(0.05)
+        assert {payload for _, payload in hub.heard} == {b"truth"}
+        assert told == heard == []
+        assert "formnet/run/alive/robot/2" not in hub.alive
+        del token
+
+
+def test_a_robot_cannot_listen_to_what_is_told_to_another(hub, folder):
+    with (
+        client(hub, folder, "robot-3") as curious, client(hub, folder, "robot-1") as one,
+        listening(curious, "formnet/run/to-robot/1") as stolen,
+        listening(curious, "formnet/**") as all_of_it,
+        listening(one, "formnet/run/to-robot/1") as told,
+    ):  # fmt: skip
+        sense = bus.publisher(hub.session, "formnet/run/to-robot/1")
+        until(lambda: sense.put(b"sense") or len(told) > 20)
+        assert stolen == all_of_it == []
+
+
+# --- who is not let in ----------------------------------------------------------------------------
+
+
+def refused(hub, credentials, endpoint=None):
+    with (
+        pytest.raises(bus.BusError, match="cannot reach"),
+        bus.session(
+            connect=endpoint or hub.endpoint, credentials=credentials, patience_s=PATIENCE_S
+        ),
+    ):
+        pytest.fail("it was let in")
+
+
+def test_another_authority_s_certificate_is_refused(hub, folder, tmp_path):
+    keys.make(tmp_path / "other", [1], [], 30)
+    refused(hub, Credentials(tmp_path / "other", "robot-1"))
+    shutil.copy(folder / "ca.pem", tmp_path / "other" / "ca.pem")  # one that knows ours
+    refused(hub, Credentials(tmp_path / "other", "robot-1"))
+
+
+def test_an_expired_certificate_is_refused(hub, folder, tmp_path):
+    place = tmp_path / "late"
+    shutil.copytree(folder, place)
+    old = x509.load_pem_x509_certificate((place / "robot-1.pem").read_bytes())
+    key = serialization.load_pem_private_key((place / "ca-key.pem").read_bytes(), None)
+    now = datetime.now(UTC)
+    builder = (
+        x509.CertificateBuilder().subject_name(old.subject).issuer_name(old.issuer)
+        .public_key(old.public_key()).serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(days=9)).not_valid_after(now - timedelta(days=1))
+    )  # fmt: skip
+    for extension in old.extensions:
+        builder = builder.add_extension(extension.value, extension.critical)
+    late = builder.sign(key, hashes.SHA256())
+    (place / "robot-1.pem").write_bytes(late.public_bytes(serialization.Encoding.PEM))
+    refused(hub, Credentials(place, "robot-1"))
+
+
+def test_no_certificate_and_plaintext_are_refused(hub, folder):
+    refused(hub, None, hub.endpoint.replace("tls/", "tcp/"))
+    config = {
+        "mode": "client",
+        "connect": {"endpoints": [hub.endpoint], "timeout_ms": 1000, "exit_on_failure": True},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {"link": {"tls": {"root_ca_certificate": str(folder / "ca.pem")}}},
+    }
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+
+
+# --- off loopback, and runs -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "with_keys", "words"),
+    [
+        ("tcp/0.0.0.0:7447", False, "off loopback, messages are encrypted and authorised"),
+        ("tcp/192.0.2.1:7447", False, "off loopback, messages are encrypted and authorised"),
+        ("tcp/127.0.0.1:7447", True, "with keys, an endpoint must be tls/HOST:PORT"),
+        ("tls/127.0.0.1:7447", False, "a tls endpoint needs keys"),
+    ],
+)
+def test_an_endpoint_that_is_not_allowed_says_why(folder, endpoint, with_keys, words):
+    credentials = Credentials(folder, PLANT) if with_keys else None
+    with (
+        pytest.raises(bus.BusError, match=words),
+        bus.session(listen=endpoint, credentials=credentials),
+    ):
+        pytest.fail("it was opened")
+
+
+def test_a_run_over_tls_gives_the_same_bits_and_tells_no_secret(tmp_path, folder):
+    keys.make(tmp_path / "keys", range(1, 6), [], 30)
+    common = (CONFIGS / "paper" / "section5-delay.toml", "--set", "duration_s=0.5")
+    assert formnet("run", *common, "--keys", tmp_path / "keys", "--out", tmp_path / "tls")[0] == 1
+    assert formnet("run", *common, "--inline", "--out", tmp_path / "inline")[0] == 1
+    hashes = [
+        json.loads((tmp_path / name / "verdict.json").read_text())["trajectory_sha256"]
+        for name in ("tls", "inline")
+    ]
+    assert hashes[0] == hashes[1]
+    secret = (tmp_path / "keys" / "plant-key.pem").read_bytes().splitlines()[1]
+    for path in Path(tmp_path / "tls").rglob("*"):
+        assert path.is_dir() or secret not in path.read_bytes()
+    code, said = formnet("run", *common, "--keys", folder, "--out", tmp_path / "lacks")
+    assert code == 2
+    assert "robot-4.pem is not there: make it with `formnet keys init`" in said
+    code, said = formnet("run", *common, "--keys", folder, "--inline")
+    assert code == 2
+    assert "--inline is one process" in said
