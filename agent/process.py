@@ -346,17 +346,21 @@ class RobotProcess:
 def main(
     *, robot: int, run: str, connect: str, stop_at_end_of_input: bool,
     keys: Path | None = None, plaintext: bool = False,
+    lease_s: float = bus.LONG_LEASE_S,
 ) -> int:  # fmt: skip
     """Run robot ``robot`` of run ``run`` against the plant at ``connect``; returns the exit code.
 
-    ``keys`` and ``plaintext`` are as in :func:`formation.bus.session`.
+    ``keys``, ``plaintext`` and ``lease_s`` are as in :func:`formation.bus.session`.
 
     Raises:
         BusError: the plant cannot be reached, or must not be in this way.
         KeysError: the robot's keys are not in ``keys``.
     """
     credentials = None if keys is None else Credentials(keys, robot_name(robot))
-    with bus.session(connect=connect, credentials=credentials, plaintext=plaintext) as session:
+    opened = bus.session(
+        connect=connect, credentials=credentials, plaintext=plaintext, lease_s=lease_s
+    )
+    with opened as session:
         process = RobotProcess(session, robot, run)
         on_stop(process.stop, at_end_of_input=stop_at_end_of_input)
         return process.run()

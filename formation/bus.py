@@ -27,6 +27,10 @@ from formation.messages import Message, MessageError, decode
 from formation.security import Credentials, access_control
 
 LOOPBACK = "127.0.0.1"
+LONG_LEASE_S = 3600.0
+"""On one machine a process that is stopped must not count as gone; the plant has its patience."""
+LEASE_S = 2.0
+"""A machine that has said nothing for so long is gone, and whoever sends to it is not held up."""
 
 
 @mypyc_attr(native_class=False)
@@ -75,12 +79,15 @@ def session(
     robots: Iterable[int] = (),
     plaintext: bool = False,
     patience_s: float = 10.0,
+    lease_s: float = LONG_LEASE_S,
 ) -> Iterator[zenoh.Session]:
     """An open session, closed at the end (an unclosed one hangs the interpreter's exit).
 
     With ``credentials`` it speaks mutual TLS (endpoints ``tls/...``), and one that listens lets
     ``robots`` and a monitor do no more than :func:`formation.security.access_control` says.
     Off loopback that is required, unless ``plaintext`` is explicit.
+
+    The other end takes this one for gone once it has said nothing for ``lease_s``.
 
     Raises:
         BusError: an endpoint is not allowed, is taken, or nobody answers there within
@@ -100,11 +107,11 @@ def session(
         "scouting": {
             "delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False},
         },
-        # One class of traffic and no batching layer: halves the cost of a lockstep tick.
+        # One class of traffic and no batching layer: halves the cost of a lockstep tick. But
+        # without that layer, whoever sends to a machine that is gone stands still.
         "transport": {
-            "unicast": {"lowlatency": True, "qos": {"enabled": False}},
-            # A paused process must not count as gone; the plant has its own patience.
-            "link": {"tx": {"lease": 3_600_000}},
+            "unicast": {"lowlatency": lease_s >= LONG_LEASE_S, "qos": {"enabled": False}},
+            "link": {"tx": {"lease": round(1000 * lease_s)}},
             "shared_memory": {"enabled": False},
         },
     }  # fmt: skip

@@ -4,6 +4,7 @@ usage, 3 the run broke, 130 interrupted.
 Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
 
+import os
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
@@ -34,6 +35,15 @@ KEYS = click.option(
 )
 PLAINTEXT = click.option(
     "--plaintext", is_flag=True, help="Off loopback without TLS: only on a network that you trust."
+)
+LEASE = click.option(
+    "--lease",
+    "lease_s",
+    type=click.FloatRange(0.1, 3600.0),
+    default=3600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="The other end takes this one for gone once it has said nothing for so long.",
 )
 LEASH = click.option(
     "--leash", is_flag=True, help="End when standard input ends (the launcher's way to stop)."
@@ -305,10 +315,18 @@ def netem_bridge(first: str, second: str, keys: str, network: Path, control: str
 @LEASH
 @KEYS
 @PLAINTEXT
+@LEASE
 def agent(
-    robot: int, connect: str, run_name: str, leash: bool, keys: Path | None, plaintext: bool
+    robot: int,
+    connect: str,
+    run_name: str,
+    leash: bool,
+    keys: Path | None,
+    plaintext: bool,
+    lease_s: float,
 ) -> None:
     """Be one robot of a run (formnet run starts these)."""
+    _choose_threads(lease_s)
     from agent.process import main as agent_main
     from formation.bus import BusError
     from formation.security import KeysError
@@ -322,6 +340,7 @@ def agent(
                 stop_at_end_of_input=leash,
                 keys=keys,
                 plaintext=plaintext,
+                lease_s=lease_s,
             )
         )
     except (BusError, KeysError) as error:
@@ -351,6 +370,7 @@ def agent(
 @OVERRIDE
 @KEYS
 @PLAINTEXT
+@LEASE
 def plant(
     scenario: Path,
     listen: str,
@@ -361,8 +381,10 @@ def plant(
     overrides: tuple[str, ...],
     keys: Path | None,
     plaintext: bool,
+    lease_s: float,
 ) -> None:
     """Be the plant of a run of SCENARIO.toml (formnet run starts it)."""
+    _choose_threads(lease_s)
     from formation.bus import BusError
     from formation.loading import ScenarioError, load
     from formation.security import KeysError
@@ -383,10 +405,20 @@ def plant(
                 start_patience_s=start_patience_s,
                 keys=keys,
                 plaintext=plaintext,
+                lease_s=lease_s,
             )
         )
     except (BusError, KeysError, OSError) as error:
         _fail(3, str(error))
+
+
+def _choose_threads(lease_s: float) -> None:
+    """Before zenoh is loaded: where an end may be gone, closing it must not hold up the others.
+
+    On one machine, formnet.bus's single thread is faster.
+    """
+    if lease_s < 3600.0:
+        os.environ["ZENOH_RUNTIME"] = "()"
 
 
 def _need_inline(jobs: int | None, *, inline: bool) -> None:

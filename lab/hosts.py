@@ -109,10 +109,20 @@ class Fleet:
 
     def __exit__(self, *_: object) -> None:
         self._closing = True
-        for connection in self._connections.values():
-            self._loop.call_soon_threadsafe(connection.close)
+        asyncio.run_coroutine_threadsafe(self._close(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
+        self._loop.close()
+
+    async def _close(self) -> None:
+        for connection in self._connections.values():
+            connection.abort()
+        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        if others:
+            await asyncio.wait(others, timeout=1.0)
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
 
     def start(self, host: Host, arguments: list[str], log: Callable[[str], None]) -> "RemoteChild":
         """Start ``formnet ARGUMENTS`` on ``host``; ``log`` gets its output, line by line.

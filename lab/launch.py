@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from formation.bus import LOOPBACK
+from formation.bus import LEASE_S, LOOPBACK
 from formation.record import Event, Outcome, Samples, Sink, Stir, read
 from formation.scenario import Scenario
 from plant.host import FAREWELL_S, START_PATIENCE_S
@@ -119,6 +119,9 @@ class Launch:
         self._written_off: set[int] = set()  # killed as planned, or lost: no cause for alarm
         self._lives: Counter[int] = Counter()
         self._common = common = ["--run", name, "--leash"]
+        paused = any(some.verb == "pause" for some in scenario.roster().happenings())
+        if place.endpoint is not None and not paused:  # a stopped process says nothing either
+            common += ["--lease", str(LEASE_S)]
         logs.mkdir(parents=True, exist_ok=True)
         scheme = "tcp" if place.keys is None else "tls"
         self.endpoint = endpoint = place.endpoint or f"{scheme}/{LOOPBACK}:{free_port()}"

@@ -247,6 +247,12 @@ class _Watch:
                 self._started = time.monotonic()
             elif record.kind == "ended":
                 self._ended = time.monotonic()
+            elif record.kind == "host lost":
+                self._console.print(
+                    f"[red]host lost:[/] {record.details['host']}, with robot "
+                    f"{', '.join(map(str, record.details['robots']))}: "
+                    + escape(record.details["reason"]), soft_wrap=True,
+                )  # fmt: skip
             elif record.kind == "waiting":
                 robots = ", ".join(map(str, record.details["robots"]))
                 self._console.print(

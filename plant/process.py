@@ -19,12 +19,14 @@ from plant.realtime import RealtimePlant
 def main(
     scenario: Scenario, *, run: str, listen: str, record: str | None, stop_at_end_of_input: bool,
     start_patience_s: float | None = None, keys: Path | None = None, plaintext: bool = False,
+    lease_s: float = bus.LONG_LEASE_S,
 ) -> int:  # fmt: skip
     """Host a run; returns 0, or 3 if the run did not end by itself.
 
     ``record`` is the file for the record stream, ``-`` for standard output;
     without it, only what happens is told, on standard error. ``start_patience_s`` is as in
-    :class:`plant.host.Host`, ``keys`` and ``plaintext`` as in :func:`formation.bus.session`.
+    :class:`plant.host.Host`, ``keys``, ``plaintext`` and
+    ``lease_s`` as in :func:`formation.bus.session`.
 
     Raises:
         BusError: ``listen`` cannot be used, or must not be in this way.
@@ -33,7 +35,11 @@ def main(
     """
     credentials = None if keys is None else Credentials(keys, PLANT)
     opened = bus.session(
-        listen=listen, credentials=credentials, robots=scenario.ids, plaintext=plaintext
+        listen=listen,
+        credentials=credentials,
+        robots=scenario.ids,
+        plaintext=plaintext,
+        lease_s=lease_s,
     )
     with _sink(record) as sink, opened as session:
         kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant

@@ -1,0 +1,297 @@
+"""Robots on other hosts, over SSH: three network namespaces with a server in each."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import asyncssh
+import pytest
+from conftest import missing
+
+from lab import keys
+from lab.claims.command import CONFIGS
+from lab.hosts import HostsError, load_hosts
+from lab.place import BadPlace, Where
+
+HOSTS = {"alpha": [1, 2], "beta": [3, 4], "gamma": [5]}
+PORT = 2222
+
+
+def ip(*words):
+    subprocess.run(["ip", *words], check=True, capture_output=True)
+
+
+class Network:
+    """Namespaces on a bridge; ours has address .254, host k has .k."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.prefix = f"f{os.getpid() % 100000}"
+        self.subnet = f"10.{50 + os.getpid() % 150}.77"
+        self.servers = {}
+
+    def name(self, host):
+        return f"{self.prefix}{host[0]}"
+
+    def address(self, host):
+        return f"{self.subnet}.{1 + list(HOSTS).index(host)}"
+
+    @property
+    def here(self):
+        return f"{self.subnet}.254"
+
+    def build(self):
+        bridge = f"{self.prefix}br"
+        ip("link", "add", bridge, "type", "bridge")
+        ip("addr", "add", f"{self.here}/24", "dev", bridge)
+        ip("link", "set", bridge, "up")
+        for host in HOSTS:
+            name = self.name(host)
+            ip("netns", "add", name)
+            ip("link", "add", f"{name}0", "type", "veth", "peer", "name", "eth0", "netns", name)
+            ip("link", "set", f"{name}0", "master", bridge)
+            ip("link", "set", f"{name}0", "up")
+            ip("-n", name, "addr", "add", f"{self.address(host)}/24", "dev", "eth0")
+            ip("-n", name, "link", "set", "lo", "up")
+            ip("-n", name, "link", "set", "eth0", "up")
+
+    def serve(self):
+        home = self.folder / "home" / ".ssh"
+        home.mkdir(parents=True)
+        client, host_key = (asyncssh.generate_private_key("ssh-ed25519") for _ in range(2))
+        client.write_private_key(home / "id_ed25519")
+        client.write_public_key(self.folder / "authorized")
+        host_key.write_private_key(self.folder / "host-key")
+        public = host_key.export_public_key().decode().strip()
+        known = [f"[{self.address(host)}]:{PORT} {public}" for host in HOSTS]
+        (home / "known_hosts").write_text("\n".join(known) + "\n")
+        for host in HOSTS:
+            self.servers[host] = subprocess.Popen(
+                ["ip", "netns", "exec", self.name(host), sys.executable,
+                 str(Path(__file__).with_name("sshd.py")), self.address(host), str(PORT),
+                 str(self.folder / "host-key"), str(self.folder / "authorized")],
+                stdout=subprocess.PIPE, text=True,
+            )  # fmt: skip
+        for host, server in self.servers.items():
+            assert server.stdout.readline() == "listening\n", host
+
+    def tear_down(self):
+        for server in self.servers.values():
+            server.kill()
+            server.wait()
+        for host in HOSTS:
+            subprocess.run(["ip", "netns", "del", self.name(host)], capture_output=True)
+        subprocess.run(["ip", "link", "del", f"{self.prefix}br"], capture_output=True)
+
+    @contextmanager
+    def down(self, host):
+        ip("link", "set", f"{self.name(host)}0", "down")
+        yield
+        ip("link", "set", f"{self.name(host)}0", "up")
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory):
+    if shutil.which("ip") is None:
+        missing("iproute2")
+    found = Network(tmp_path_factory.mktemp("hosts"))
+    try:
+        try:
+            found.build()
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f"no network namespaces can be made here: {error.stderr.decode().strip()}")
+        found.serve()
+        place = found.folder / "keys"
+        keys.make(place, range(1, 6), [found.here], 30)
+        text = f'listen = "tls/{found.here}:7447"\n'
+        for host, robots in HOSTS.items():
+            text += (
+                f'[[hosts]]\nname = "{host}"\nssh = "tester@{found.address(host)}:{PORT}"\n'
+                f'robots = {robots}\npython = "{sys.executable}"\nkeys = "{place}"\n'
+            )
+        (found.folder / "hosts.toml").write_text(text)
+        yield found
+    finally:
+        found.tear_down()
+
+
+@pytest.fixture
+def start(network, tmp_path):
+    runs = []
+
+    def starter(scenario, *overrides):
+        out = tmp_path / f"run{len(runs)}"
+        sets = [part for text in overrides for part in ("--set", text)]
+        environment = {**os.environ, "HOME": str(network.folder / "home")}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / scenario), "--out", str(out),
+             "--hosts", str(network.folder / "hosts.toml"), "--keys",
+             str(network.folder / "keys"), *sets],
+            env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        runs.append(process)
+        return process, out
+
+    yield starter
+    for process in runs:
+        process.kill()
+        process.wait()
+
+
+def events(out):
+    path = out / "events.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def until_event(out, kind):
+    deadline = time.monotonic() + 60.0
+    while not any(event["event"] == kind for event in events(out)):
+        assert time.monotonic() < deadline, events(out)
+        time.sleep(0.02)
+
+
+def left_on(network, host):
+    found = subprocess.run(
+        ["ip", "netns", "pids", network.name(host)], capture_output=True, text=True
+    ).stdout.split()
+    commands = []
+    for pid in found:
+        line = Path("/proc", pid, "cmdline")
+        if line.exists():
+            commands.append(line.read_bytes().replace(b"\0", b" ").decode())
+    return [command for command in commands if "agent" in command]
+
+
+def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path):
+    process, out = start("paper/section5-delay.toml", "duration_s=2.0")
+    said, _ = process.communicate(timeout=90)
+    assert process.returncode == 1, said  # too short for the claims
+    subprocess.run(
+        [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / "paper/section5-delay.toml"),
+         "--inline", "--set", "duration_s=2.0", "--out", str(tmp_path / "inline")],
+        capture_output=True,
+    )  # fmt: skip
+    hashes = [
+        json.loads((folder / "verdict.json").read_text())["trajectory_sha256"]
+        for folder in (out, tmp_path / "inline")
+    ]
+    assert hashes[0] == hashes[1]
+    for host in HOSTS:
+        assert left_on(network, host) == []
+
+
+def test_real_time_over_three_hosts(start):
+    process, out = start("yard.toml", "duration_s=5.0")
+    said, _ = process.communicate(timeout=90)
+    assert process.returncode == 1, said
+    judged = json.loads((out / "verdict.json").read_text())
+    assert judged["outcome"]["kind"] == "completed"
+    assert judged["robots"]["lost"] == []
+    assert set(judged["realtime"]["robots"]) == {"1", "2", "3", "4", "5"}
+    assert all(link["delivered"] > 20 for link in judged["links"])
+
+
+@pytest.mark.parametrize("scenario", ["paper/section5-delay.toml", "yard.toml"])
+def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, network, scenario):
+    process, out = start(scenario, "run.patience_s=1.0", "duration_s=9.0")
+    until_event(out, "started")
+    time.sleep(0.5)
+    with network.down("beta"):
+        said, _ = process.communicate(timeout=90)
+    assert process.returncode in (0, 1), said  # as it comes
+    judged = json.loads((out / "verdict.json").read_text())
+    assert judged["outcome"]["kind"] == "completed"
+    assert sorted(item["robot"] for item in judged["robots"]["lost"]) == HOSTS["beta"]
+    assert judged["robots"]["judged"] == [1, 2, 5]
+    (lost,) = [event for event in events(out) if event["event"] == "host lost"]
+    assert (lost["host"], lost["robots"]) == ("beta", [3, 4])
+    assert "host lost: beta, with robot 3, 4: its connection has ended" in said
+
+
+def test_faults_reach_robots_on_other_hosts(start, tmp_path):
+    faults = (
+        "duration_s=2.0", 'timeline=[{action="kill", at_s=0.3, robots=3, restart_after_s=0.5}, '
+        '{action="pause", at_s=0.4, robots=1, resume_after_s=0.5}]',
+    )  # fmt: skip
+    process, out = start("paper/section5-delay.toml", *faults)
+    said, _ = process.communicate(timeout=90)
+    assert process.returncode == 1, said
+    sets = [part for text in faults for part in ("--set", text)]
+    subprocess.run(
+        [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / "paper/section5-delay.toml"),
+         "--inline", *sets, "--out", str(tmp_path / "inline")], capture_output=True,
+    )  # fmt: skip
+    hashes = [
+        json.loads((folder / "verdict.json").read_text())["trajectory_sha256"]
+        for folder in (out, tmp_path / "inline")
+    ]
+    assert hashes[0] == hashes[1]
+
+
+def test_a_host_that_cannot_be_reached_ends_the_run(start, network, tmp_path):
+    text = (network.folder / "hosts.toml").read_text()
+    other = network.folder / "hosts.toml"
+    other.write_text(text.replace(f"{network.address('gamma')}:{PORT}", f"{network.here}:9"))
+    try:
+        process, _ = start("paper/section5-delay.toml", "duration_s=2.0")
+        said, _ = process.communicate(timeout=90)
+    finally:
+        other.write_text(text)
+    assert process.returncode == 3
+    assert "host gamma" in " ".join(said.split())
+    assert "Traceback" not in said
+    deadline = time.monotonic() + 10.0  # their leash ends them, once they have started
+    while left_on(network, "alpha"):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+# --- the file of hosts ---------------------------------------------------------------------------
+
+
+GOOD = 'listen = "tls/10.0.0.1:7447"\n[[hosts]]\nname = "a"\nssh = "x"\nrobots = [1]\nkeys = "k"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "listen: is required"),
+        (GOOD.replace("tls/10.0.0.1:7447", "10.0.0.1"), "listen = "),
+        (GOOD + 'passwords = "x"\n', "unknown key"),
+        (GOOD.replace("[1]", "[]"), "hosts[0].robots"),
+        (GOOD + GOOD.split("\n", 1)[1].replace('"a"', '"b"'), "hosts.b.robots = 1: runs on a"),
+        ("= 3", "file: "),
+    ],
+)
+def test_a_bad_file_of_hosts_is_said(tmp_path, text, words):
+    file = tmp_path / "hosts.toml"
+    file.write_text(text)
+    with pytest.raises(HostsError) as found:
+        load_hosts(file)
+    assert words in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "with_keys", "words"),
+    [
+        (("[1]", "[9]"), True, "hosts.a.robots: robot 9 is not in the scenario"),
+        (('keys = "k"\n', ""), True, "hosts.a.keys: is required with --keys"),
+        (("x", "x"), False, "needs --keys DIR"),
+        (("tls/", "tcp/"), False, "off loopback it must be tls/HOST:PORT"),
+    ],
+)
+def test_hosts_that_do_not_suit_the_run_are_said(tmp_path, change, with_keys, words):
+    from formation.loading import load
+
+    file = tmp_path / "hosts.toml"
+    file.write_text(GOOD.replace(*change))
+    scenario = load(CONFIGS / "yard.toml")
+    keys.make(tmp_path / "keys", scenario.ids, [], 1)
+    with pytest.raises(BadPlace, match=re.escape(words)):
+        Where(file, tmp_path / "keys" if with_keys else None).hosts(scenario)
