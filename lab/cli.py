@@ -225,6 +225,23 @@ def nemesis(
     sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
 
 
+@main.command()
+@click.option(
+    "--hosts", type=click.Path(path_type=Path), metavar="HOSTS.toml", help="Look at these, too."
+)
+@KEYS
+def doctor(hosts: Path | None, keys: Path | None) -> None:
+    """Check this machine and other hosts, and say how to mend what is wrong.
+
+    Exit code 0: all is well; 1: something is not; 2: bad usage.
+    """
+    try:
+        from lab.doctor import examine
+    except ImportError:
+        _fail(2, "doctor needs the packages for hosts: pip install 'formnet[hosts]'")
+    sys.exit(examine(hosts, keys))
+
+
 @main.group()
 def keys() -> None:
     """Certificates: who is who in a run over several machines."""

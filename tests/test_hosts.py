@@ -252,6 +252,106 @@ def test_a_host_that_cannot_be_reached_ends_the_run(start, network, tmp_path):
         time.sleep(0.05)
 
 
+# --- the doctor ---------------------------------------------------------------------------------
+
+
+def doctor(network, *changes):
+    text = (network.folder / "hosts.toml").read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    file = network.folder / "doctor.toml"
+    file.write_text(text)
+    done = subprocess.run(
+        [sys.executable, "-m", "lab.cli", "doctor", "--hosts", str(file), "--keys",
+         str(network.folder / "keys")],
+        env={**os.environ, "HOME": str(network.folder / "home"), "COLUMNS": "500"},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert "Traceback" not in done.stdout + done.stderr
+    return done.returncode, done.stdout
+
+
+def python_that(tmp_path, name, code):
+    """An interpreter in which ``code`` runs first."""
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(code)
+    script = folder / "python"
+    script.write_text(f'#!/bin/sh\nPYTHONPATH={folder} exec {sys.executable} "$@"\n')
+    script.chmod(0o755)
+    return script
+
+
+def test_the_doctor_finds_nothing_where_all_is_well(network):
+    code, said = doctor(network)
+    assert code == 0, said
+    assert said.count("✓") == 1 + 2 + 1 + 3 * 4 + 5  # here: formnet, keys, port; hosts; robots
+    assert "all is well" in said
+
+
+def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
+    late = python_that(tmp_path, "late", "import time\nt = time.time\ntime.time = lambda: t() - 2")
+    old = python_that(tmp_path, "old", "import formation.messages as m\nm.PROTOCOL = 1")
+    place = tmp_path / "keys"
+    shutil.copytree(network.folder / "keys", place)
+    (place / "robot-5.pem").unlink()
+    python, folder = f'python = "{sys.executable}"', f'keys = "{network.folder / "keys"}"'
+    code, said = doctor(
+        network, (python, f'python = "{late}"'), (python, f'python = "{old}"'),
+        (f'robots = [5]\n{python}\n{folder}', f'robots = [5]\n{python}\nkeys = "{place}"'),
+    )  # fmt: skip
+    assert code == 1
+    lines = said.splitlines()
+    for problem, remedy in [
+        ("✗ alpha: clock: -2.", "run an NTP client"),
+        ("✗ beta: formnet: has ", "install the same there"),
+        ("✗ gamma: certificate of robot-5: ", "formnet keys init"),
+    ]:
+        (number,) = [k for k, line in enumerate(lines) if line.startswith(problem)]
+        assert remedy in lines[number + 1]
+    assert "3 problem(s)" in said
+
+
+def test_the_doctor_tries_the_port_and_the_way_in(network):
+    listen = f"tls/{network.here}:7447"
+    code, said = doctor(
+        network, (listen, "tls/127.0.0.1:7447"),
+        (f"{network.address('gamma')}:{PORT}", f"{network.address('gamma')}:9"),
+        (f'python = "{sys.executable}"', 'python = "/nowhere/python"'),
+    )  # fmt: skip
+    assert code == 1
+    assert "✗ alpha: formnet: /nowhere/python has no formnet" in said
+    assert "✗ beta: port: cannot reach 127.0.0.1:7447: " in said
+    assert "let beta through to that port in the firewall" in said
+    assert "✗ gamma: SSH: host gamma (" in said
+    code, said = doctor(network, (listen, "tls/192.0.2.1:7447"))
+    assert code == 1
+    assert "✗ here: port: cannot listen at tls/192.0.2.1:7447" in said
+
+
+def test_the_doctor_sees_expired_and_foreign_certificates(network, tmp_path, monkeypatch):
+    place = tmp_path / "keys"
+    keys.make(place, [1, 2], [], 1)  # another authority's
+    real = keys.datetime
+
+    class Past(real):
+        @classmethod
+        def now(cls, zone):
+            return real.now(zone) - keys.timedelta(days=9)
+
+    monkeypatch.setattr(keys, "datetime", Past)
+    keys.make(tmp_path / "past", [3, 4], [], 3)
+    folder = f'keys = "{network.folder / "keys"}"'
+    code, said = doctor(
+        network, (folder, f'keys = "{place}"'), (folder, f'keys = "{tmp_path / "past"}"')
+    )
+    assert code == 1
+    assert "✗ alpha: certificate of robot-1: is of another authority than the plant's" in said
+    assert "✗ beta: certificate of robot-3: ended " in said
+    assert "make them again (`formnet keys init`) and copy them there" in said
+
+
 # --- the file of hosts ---------------------------------------------------------------------------
 
 
