@@ -1,4 +1,4 @@
-"""``formnet doctor``: is everything there that a run over these hosts needs, and what to do if not."""
+"""``formnet doctor``: what a run over these hosts needs and lacks, and what to do about it."""
 
 import json
 import shlex
