@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+import zenoh
+
 from formation import bus
 from formation.process import on_stop
 from formation.record import Event, Outcome, Streamed, writer
@@ -41,8 +43,10 @@ def main(
         plaintext=plaintext,
         lease_s=lease_s,
     )
+    kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
+    if credentials is not None:
+        zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error
     with _sink(record) as sink, opened as session:
-        kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
         plant = kind(session, scenario, run, sink, start_patience_s)
         on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
         outcome = plant.run()

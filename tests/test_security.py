@@ -2,7 +2,10 @@
 
 import json
 import shutil
+import socket
 import stat
+import subprocess
+import sys
 import time
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -15,11 +18,13 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
 from formation import bus
+from formation.record import Event, Samples, read
 from formation.security import MONITOR, PLANT, Credentials, KeysError, robot_name
 from lab import keys
 from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.launch import free_port
+from lab.recording import trajectory_sha256
 
 PATIENCE_S = 1.0
 
@@ -272,6 +277,59 @@ def test_no_certificate_and_plaintext_are_refused(hub, folder):
     }
     with pytest.raises(zenoh.ZError):
         zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+
+
+# --- a run with a liar in it ------------------------------------------------------------------------
+
+
+def connects(port):
+    try:
+        socket.create_connection(("127.0.0.1", port), 1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
+    place = tmp_path / "keys"
+    keys.make(place, range(1, 6), [], 30)
+    common = ["--set", "duration_s=1.5"]
+    scenario = str(CONFIGS / "paper" / "section5-delay.toml")
+    assert formnet("run", scenario, *common, "--inline", "--out", tmp_path / "inline")[0] == 1
+    endpoint, out = f"tls/127.0.0.1:{free_port()}", tmp_path / "record"
+    formnet_ = [sys.executable, "-m", "lab.cli"]
+    with (tmp_path / "plant.log").open("w") as log:
+        plant = subprocess.Popen(
+            [*formnet_, "plant", scenario, "--listen", endpoint, "--record", str(out), "--run",
+             "run", "--keys", str(place), *common], stdout=log, stderr=log,
+        )  # fmt: skip
+    port = int(endpoint.rpartition(":")[2])
+    until(lambda: connects(port))
+    with (
+        pytest.raises(bus.BusError),
+        bus.session(connect=endpoint.replace("tls", "tcp"), patience_s=PATIENCE_S),
+    ):
+        pytest.fail("it was let in")
+    agents = [
+        subprocess.Popen([*formnet_, "agent", "--robot", str(robot), "--connect", endpoint, "--run",
+                          "run", "--keys", str(place)])
+        for robot in range(1, 6)
+    ]  # fmt: skip
+    with bus.session(connect=endpoint, credentials=Credentials(place, "robot-3")) as liar:
+        names = bus.Keys("run")
+        while plant.poll() is None:
+            liar.put(names.from_robot(1), b"lie")
+            liar.put(names.to_robot(2), b"lie")
+            liar.put(names.broadcast(4), b"lie")
+            time.sleep(0.02)
+    assert [process.wait(30) for process in (plant, *agents)] == [0] * 6
+    with out.open("rb") as stream:
+        records = list(read(stream))
+    assert not [r for r in records if isinstance(r, Event) and r.kind == "rejected"]
+    samples = [row for r in records if isinstance(r, Samples) for row in r.rows]
+    judged = json.loads((tmp_path / "inline" / "verdict.json").read_text())
+    assert trajectory_sha256(samples) == judged["trajectory_sha256"]
+    assert "received corrupt message" in (tmp_path / "plant.log").read_text()
 
 
 # --- off loopback, and runs -------------------------------------------------------------------------
