@@ -5,6 +5,8 @@ drive is from the plant's measurement to the command that it led to, in the plan
 """
 
 import secrets
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,14 @@ import numpy as np
 from benchmarks.plan import Plan
 from benchmarks.scenarios import ring_toml
 from benchmarks.table import BenchmarkError, Row, Target
+from formation import bus
 from formation.loading import dumps, loads
 from formation.record import Event, LinkRows, Record
 from lab.launch import Launch
 
 SIZES = (5, 10, 20, 40)
 DELAY_S = 0.05
+JUNK_PER_S, VICTIM = 10_000, 3
 _SETTINGS = (
     "clock.mode=realtime", "clock.control_period_s=0.01", "clock.broadcast_period_s=0.05",
     "law.beta=2.0", "law.feedback_gain=3.0", "law.boundary_layer=1e4", "law.length_scale_m=4.0",
@@ -52,11 +56,24 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
             Row("h", "… the plant woke late, p99", [t.plant_ms for t in found], "ms"),
         ]  # fmt: skip
         if few:
-            rows.append(
+            rows += [
                 Row("h", "… a delay of 50 ms on top of it: off by, p99", [t.off_ms for t in found],
-                    "ms", Target("<=", 0.3))
-            )  # fmt: skip
+                    "ms", Target("<=", 0.3)),
+                _flooded(plan, folder),
+            ]  # fmt: skip
     return rows
+
+
+def _flooded(plan: Plan, folder: Path) -> Row:
+    """Junk on all keys of one robot; what it does to the others."""
+    missed = []
+    for number in range(1, plan.paced_rounds + 1):
+        plan.say(f"h: a flood, round {number} of {plan.paced_rounds}")
+        timing = _Timing()
+        _run(SIZES[0], plan.paced_s, timing, folder / f"h-flood-{number}", flood=True)
+        missed.append(timing.missed_but(VICTIM))
+    what = f"… {JUNK_PER_S:,} junk messages a second at one robot: the others miss"
+    return Row("h", what, missed, "%", Target("<=", 1.0))
 
 
 class _Timing:
@@ -77,7 +94,11 @@ class _Timing:
     @property
     def missed(self) -> float:
         """Percent of all robots' periods."""
-        robots = self._details["robots"].values()
+        return self.missed_but(None)
+
+    def missed_but(self, robot: int | None) -> float:
+        """The same without those of ``robot``."""
+        robots = [own for name, own in self._details["robots"].items() if name != str(robot)]
         missed, periods = (sum(int(own[what]) for own in robots) for what in ("missed", "periods"))
         return 100.0 * missed / periods
 
@@ -98,7 +119,9 @@ class _Timing:
         return 1e3 * float(np.median(values))
 
 
-def _run(robots: int, seconds: int, timing: _Timing, folder: Path) -> None:
+def _run(
+    robots: int, seconds: int, timing: _Timing, folder: Path, *, flood: bool = False
+) -> None:  # fmt: skip
     scenario = loads(
         ring_toml(robots, 1000 * seconds), f"ring-{robots}", [*_SETTINGS, f"duration_s={seconds}"]
     )
@@ -107,6 +130,26 @@ def _run(robots: int, seconds: int, timing: _Timing, folder: Path) -> None:
     file.write_text(dumps(scenario), encoding="utf-8")
     name = f"pacing-{secrets.token_hex(3)}"
     launch = Launch(file, scenario, name, timing, folder / "logs")
+    done = threading.Event()
+    flooding = threading.Thread(target=_flood, args=(launch.endpoint, bus.Keys(name), done))
+    if flood:
+        flooding.start()
     outcome = launch.wait(lambda: False, lambda: None)
+    done.set()
+    if flood:
+        flooding.join()
     if outcome.kind != "completed":
         raise BenchmarkError(f"{robots} robots in real time: {outcome.kind}, {outcome.reason}")
+
+
+def _flood(endpoint: str, keys: bus.Keys, done: threading.Event) -> None:
+    """What is no message, in equal parts as from the plant, from the robot and to neighbours."""
+    burst = JUNK_PER_S // 100
+    with bus.session(connect=endpoint) as session:
+        places = [keys.to_robot(VICTIM), keys.from_robot(VICTIM), keys.broadcast(VICTIM)]
+        publishers = [bus.publisher(session, key, blocking=False) for key in places]
+        while not done.is_set():
+            began_s = time.monotonic()
+            for number in range(burst):
+                publishers[number % len(publishers)].put(b"\xc1 junk")
+            time.sleep(max(0.0, began_s + 0.01 - time.monotonic()))

@@ -68,6 +68,12 @@ class Where:
                     raise BadPlace(f"{place}: robot {robot} is not in the scenario")
             if self.keys is not None and host.keys is None:
                 raise BadPlace(f"{self.file}: hosts.{host.name}.keys: is required with --keys")
+        least_s = 2.0 * bus.LEASE_S
+        if scenario.run.patience_s < least_s:
+            raise BadPlace(
+                f"run.patience_s = {scenario.run.patience_s:g}: must be at least {least_s:g} with "
+                f"--hosts: a silent connection holds others up for {bus.LEASE_S:g} s until it is dropped"
+            )
         secure = hosts.listen.startswith("tls/")
         if secure and self.keys is None:
             raise BadPlace(f"{self.file}: listen = {hosts.listen!r} needs --keys DIR")

@@ -14,6 +14,7 @@ import asyncssh
 import pytest
 from conftest import missing
 
+from formation.loading import load
 from lab import keys
 from lab.claims.command import CONFIGS
 from lab.hosts import HostsError, load_hosts
@@ -199,7 +200,7 @@ def test_real_time_over_three_hosts(start):
 
 @pytest.mark.parametrize("scenario", ["paper/section5-delay.toml", "yard.toml"])
 def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, network, scenario):
-    process, out = start(scenario, "run.patience_s=1.0", "duration_s=9.0")
+    process, out = start(scenario, "duration_s=9.0")
     until_event(out, "started")
     time.sleep(0.5)
     with network.down("beta"):
@@ -377,6 +378,15 @@ def test_a_bad_file_of_hosts_is_said(tmp_path, text, words):
     assert words in str(found.value)
 
 
+def test_hosts_and_an_impatient_run_do_not_go_together(tmp_path):
+    file = tmp_path / "hosts.toml"
+    file.write_text(GOOD)
+    keys.make(tmp_path / "keys", range(1, 6), [], 1)
+    scenario = load(CONFIGS / "yard.toml", ["run.patience_s=1.0"])
+    with pytest.raises(BadPlace, match=r"run.patience_s = 1: must be at least 4 with --hosts"):
+        Where(file, tmp_path / "keys").hosts(scenario)
+
+
 @pytest.mark.parametrize(
     ("change", "with_keys", "words"),
     [
@@ -387,8 +397,6 @@ def test_a_bad_file_of_hosts_is_said(tmp_path, text, words):
     ],
 )
 def test_hosts_that_do_not_suit_the_run_are_said(tmp_path, change, with_keys, words):
-    from formation.loading import load
-
     file = tmp_path / "hosts.toml"
     file.write_text(GOOD.replace(*change))
     scenario = load(CONFIGS / "yard.toml")
