@@ -72,7 +72,7 @@ class Where:
         if scenario.run.patience_s < least_s:
             raise BadPlace(
                 f"run.patience_s = {scenario.run.patience_s:g}: must be at least {least_s:g} with "
-                f"--hosts: a silent connection holds others up for {bus.LEASE_S:g} s until it is dropped"
+                f"--hosts: a silent connection holds others up for {bus.LEASE_S:g} s"
             )
         secure = hosts.listen.startswith("tls/")
         if secure and self.keys is None:
