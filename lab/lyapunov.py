@@ -90,12 +90,16 @@ class _Signal(NamedTuple):
 
 
 def curve(recording: Collected) -> Curve | None:
-    """V along a run, as long as it is finite; None without samples or with another law."""
+    """V along a run, as long as it is finite; None without samples or with another law.
+
+    None in real time too: V needs what each robot had heard at the instants of the samples.
+    """
     scenario, trajectories = recording.scenario, recording.trajectories
     within = (np.abs(trajectories.states) < _DIVERGED).all(axis=(1, 2))  # not NaN either
     if not within.all():
         trajectories = trajectories.first(int(np.argmin(within)))
-    if scenario.law.kind != "cooperative" or len(trajectories.t_s) < 2:
+    unknown = scenario.law.kind != "cooperative" or scenario.clock.mode == "realtime"
+    if unknown or len(trajectories.t_s) < 2:
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
         return _Loop(recording, trajectories).curve()

@@ -180,8 +180,6 @@ def versions() -> dict[str, str | bool]:
 
 def _lyapunov(recording: Collected) -> dict[str, Any] | None:
     """V along the run and every rise of it; None where it cannot be had."""
-    if recording.scenario.clock.mode == "realtime":
-        return None  # states are samples of a real time that no two robots share to the bit
     found = lyapunov.curve(recording)
     if found is None:
         return None
