@@ -94,7 +94,7 @@ def session(
             ``patience_s`` (which is what a refused certificate looks like).
     """
     for endpoint in filter(None, (connect, listen)):
-        _check(endpoint, credentials, plaintext=plaintext)
+        check_endpoint(endpoint, secure=credentials is not None, plaintext=plaintext)
     config: dict[str, Any] = {
         "mode": "router" if listen else "client",
         "listen": {"endpoints": [listen] if listen else []},
@@ -170,13 +170,18 @@ def on_robots_message(
     return opened.declare_subscriber(keys.from_robots, handle)
 
 
-def _check(endpoint: str, credentials: Credentials | None, *, plaintext: bool) -> None:
-    secure = endpoint.startswith("tls/")
-    if credentials is not None and not secure:
+def check_endpoint(endpoint: str, *, secure: bool, plaintext: bool) -> None:
+    """Whether a session may use ``endpoint``: with keys (``secure``) or without.
+
+    Raises:
+        BusError: it may not.
+    """
+    tls = endpoint.startswith("tls/")
+    if secure and not tls:
         raise BusError(f"{endpoint}: with keys, an endpoint must be tls/HOST:PORT")
-    if credentials is None and secure:
+    if not secure and tls:
         raise BusError(f"{endpoint}: a tls endpoint needs keys (--keys DIR; `formnet keys init`)")
-    if not (secure or plaintext or on_loopback(endpoint)):
+    if not (tls or plaintext or on_loopback(endpoint)):
         raise BusError(
             f"{endpoint}: off loopback, messages are encrypted and authorised: give --keys DIR and "
             "an endpoint tls/HOST:PORT (or --plaintext, on a network that you trust)"

@@ -82,6 +82,12 @@ def main() -> None:
     metavar="HOSTS.toml",
     help="Run robots on other machines, over SSH (docs/hosts.md).",
 )
+@click.option(
+    "--connect",
+    "router",
+    metavar="ENDPOINT",
+    help="Meet at this Zenoh router, e.g. tcp/127.0.0.1:7447  [default: at the plant]",
+)
 @KEYS
 @PLAINTEXT
 def run(
@@ -90,20 +96,23 @@ def run(
     overrides: tuple[str, ...],
     inline: bool,
     hosts: Path | None,
+    router: str | None,
     keys: Path | None,
     plaintext: bool,
 ) -> None:
     """Run SCENARIO.toml and judge it.
 
-    Exit code 0: every claim in [expect] holds; 1: one does not; 2: bad scenario or usage;
+    Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged; 2: bad scenario or usage;
     3: the run itself broke; 130: interrupted.
     """
-    if inline and (hosts or keys or plaintext):
-        raise click.UsageError("--inline is one process: no --hosts, --keys or --plaintext")
+    if inline and (hosts or router or keys or plaintext):
+        raise click.UsageError(
+            "--inline is one process: no --hosts, --connect, --keys or --plaintext"
+        )
     from lab.place import Where
     from lab.run import run_scenario
 
-    where = Where(hosts, keys, plaintext)
+    where = Where(hosts, keys, plaintext, router)
     sys.exit(run_scenario(scenario, overrides, out, inline=inline, where=where))
 
 
@@ -366,11 +375,9 @@ def agent(
 
 @main.command()
 @SCENARIO
+@click.option("--listen", metavar="ENDPOINT", help="Where robots join, e.g. tcp/127.0.0.1:7447.")
 @click.option(
-    "--listen",
-    required=True,
-    metavar="ENDPOINT",
-    help="Where robots join, e.g. tcp/127.0.0.1:7447.",
+    "--connect", metavar="ENDPOINT", help="A Zenoh router at which plant and robots meet instead."
 )
 @click.option(
     "--record", metavar="FILE", help="Write the record stream here; - for standard output."
@@ -390,7 +397,8 @@ def agent(
 @LEASE
 def plant(
     scenario: Path,
-    listen: str,
+    listen: str | None,
+    connect: str | None,
     record: str | None,
     start_patience_s: float | None,
     run_name: str,
@@ -401,6 +409,8 @@ def plant(
     lease_s: float,
 ) -> None:
     """Be the plant of a run of SCENARIO.toml (formnet run starts it)."""
+    if (listen is None) == (connect is None):
+        raise click.UsageError("needs --listen or --connect, and not both")
     _choose_threads(lease_s)
     from formation.bus import BusError
     from formation.loading import ScenarioError, load
@@ -417,6 +427,7 @@ def plant(
                 loaded,
                 run=run_name,
                 listen=listen,
+                connect=connect,
                 record=record,
                 stop_at_end_of_input=leash,
                 start_patience_s=start_patience_s,

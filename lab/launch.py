@@ -69,14 +69,16 @@ StartElsewhere = Callable[[int, list[str], Path], Child | None]
 class Place:
     """Where a run's processes meet, and how they know each other.
 
-    ``endpoint`` is where the plant listens (None: a free port on loopback), ``keys`` the
-    folder of this machine's keys, ``plaintext`` whether an endpoint off loopback may go without;
+    ``endpoint`` is where the plant listens (None: a free port on loopback) or, with ``routed``,
+    a Zenoh router that is there already. ``keys`` is the folder of this machine's keys,
+    ``plaintext`` whether an endpoint off loopback may go without;
     ``elsewhere`` starts robots that are not to run on this machine.
     """
 
     endpoint: str | None = None
     keys: Path | None = None
     plaintext: bool = False
+    routed: bool = False
     elsewhere: StartElsewhere = lambda *_: None
 
     @property
@@ -127,7 +129,8 @@ class Launch:
         self.endpoint = endpoint = place.endpoint or f"{scheme}/{LOOPBACK}:{free_port()}"
         self.plant = self._spawn(
             "plant",
-            ["plant", str(scenario_file), "--listen", endpoint, "--record", "-",
+            ["plant", str(scenario_file), "--connect" if place.routed else "--listen", endpoint,
+             "--record", "-",
              "--start-patience", str(START_PATIENCE_S), *common, *place.options],
         )  # fmt: skip
         self.robots: dict[int, Child] = {}

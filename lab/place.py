@@ -26,11 +26,12 @@ class HostUnreachable(RuntimeError):
 
 @dataclass(frozen=True)
 class Where:
-    """``--hosts``, ``--keys`` and ``--plaintext``."""
+    """``--hosts``, ``--keys``, ``--plaintext`` and ``--connect`` (a Zenoh router's endpoint)."""
 
     file: Path | None = None
     keys: Path | None = None
     plaintext: bool = False
+    router: str | None = None
 
     def hosts(self, scenario: Scenario) -> "Hosts | None":
         """The hosts, which must suit the scenario and the keys.
@@ -39,6 +40,12 @@ class Where:
             BadPlace: they do not.
         """
         hosts = None
+        if self.router is not None:
+            try:
+                bus.check_endpoint(self.router, secure=self.keys is not None,
+                                   plaintext=self.plaintext)  # fmt: skip
+            except bus.BusError as error:
+                raise BadPlace(f"--connect: {error}") from None
         if self.file is not None:
             try:
                 from lab.hosts import HostsError, load_hosts
@@ -92,7 +99,7 @@ class Where:
         ``sink`` hears of lost hosts, at ``now_ns()`` of the run's time.
         """
         if hosts is None:
-            yield Place(None, self.keys, self.plaintext)
+            yield Place(self.router, self.keys, self.plaintext, self.router is not None)
             return
         from lab.hosts import Fleet, HostLost
 
@@ -118,7 +125,8 @@ class Where:
                 except HostLost as error:
                     raise HostUnreachable(str(error)) from None
 
-            yield Place(hosts.listen, self.keys, self.plaintext, elsewhere)
+            meeting = self.router or hosts.listen
+            yield Place(meeting, self.keys, self.plaintext, self.router is not None, elsewhere)
 
 
 HERE = Where()

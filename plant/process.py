@@ -19,30 +19,29 @@ from plant.realtime import RealtimePlant
 
 
 def main(
-    scenario: Scenario, *, run: str, listen: str, record: str | None, stop_at_end_of_input: bool,
+    scenario: Scenario, *, run: str, record: str | None, stop_at_end_of_input: bool,
+    listen: str | None = None, connect: str | None = None,
     start_patience_s: float | None = None, keys: Path | None = None, plaintext: bool = False,
     lease_s: float = bus.LONG_LEASE_S,
 ) -> int:  # fmt: skip
     """Host a run; returns 0, or 3 if the run did not end by itself.
 
-    ``record`` is the file for the record stream, ``-`` for standard output;
+    Robots meet the plant where it listens, or at the Zenoh router at ``connect``, of which it
+    is a client like them. ``record`` is the file for the record stream, ``-`` for standard output;
     without it, only what happens is told, on standard error. ``start_patience_s`` is as in
     :class:`plant.host.Host`, ``keys``, ``plaintext`` and
     ``lease_s`` as in :func:`formation.bus.session`.
 
     Raises:
-        BusError: ``listen`` cannot be used, or must not be in this way.
+        BusError: ``listen`` or ``connect`` cannot be used, or must not be in this way.
         KeysError: the plant's keys are not in ``keys``.
         OSError: ``record`` exists already or cannot be written.
     """
     credentials = None if keys is None else Credentials(keys, PLANT)
     opened = bus.session(
-        listen=listen,
-        credentials=credentials,
-        robots=scenario.ids,
-        plaintext=plaintext,
-        lease_s=lease_s,
-    )
+        listen=listen, connect=connect, credentials=credentials, robots=scenario.ids,
+        plaintext=plaintext, lease_s=lease_s,
+    )  # fmt: skip
     kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error

@@ -1,6 +1,7 @@
 """Keys, and who may say what: with real sessions, over TLS."""
 
 import json
+import os
 import shutil
 import socket
 import stat
@@ -280,6 +281,32 @@ def test_no_certificate_and_plaintext_are_refused(hub, folder):
 
 
 # --- a run with a liar in it ------------------------------------------------------------------------
+
+
+def test_a_run_through_a_router_that_is_there_already(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = {"mode": "router", "listen": {"endpoints": [endpoint]},
+              "scouting": {"multicast": {"enabled": False}}}  # fmt: skip
+    router = subprocess.Popen(
+        [sys.executable, "-c",
+         "import sys, zenoh\nwith zenoh.open(zenoh.Config.from_json5(sys.argv[1])): sys.stdin.read()",
+         json.dumps(config)], stdin=subprocess.PIPE,
+        env={name: value for name, value in os.environ.items() if name != "ZENOH_RUNTIME"},
+    )  # fmt: skip
+    until(lambda: connects(int(endpoint.rpartition(":")[2])))
+    common = (CONFIGS / "paper" / "section5-delay.toml", "--set", "duration_s=0.5")
+    code, said = formnet("run", *common, "--connect", endpoint, "--out", tmp_path / "routed")
+    router.communicate()
+    assert code == 1, said
+    assert formnet("run", *common, "--inline", "--out", tmp_path / "inline")[0] == 1
+    hashes = {
+        json.loads((tmp_path / name / "verdict.json").read_text())["trajectory_sha256"]
+        for name in ("routed", "inline")
+    }
+    assert len(hashes) == 1
+    code, said = formnet("run", *common, "--connect", "tcp/192.0.2.1:7447")
+    assert code == 2
+    assert "--connect: tcp/192.0.2.1:7447: off loopback" in said
 
 
 def connects(port):
