@@ -102,8 +102,8 @@ def run(
 ) -> None:
     """Run SCENARIO.toml and judge it.
 
-    Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged; 2: bad scenario or usage;
-    3: the run itself broke; 130: interrupted.
+    Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged; 2: bad
+    scenario or usage; 3: the run itself broke; 130: interrupted.
     """
     if inline and (hosts or router or keys or plaintext):
         raise click.UsageError(
