@@ -10,6 +10,7 @@ import shlex
 import signal
 import threading
 import tomllib
+import warnings
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -20,6 +21,9 @@ from pydantic import Field, ValidationError
 from formation.selectors import RobotId
 from netem.problems import Problem, problems
 from netem.tables import Table
+
+# asyncssh leaves a coroutine behind when a connection is cut off; nobody needs to know.
+warnings.filterwarnings("ignore", "coroutine 'Queue.join' was never awaited", RuntimeWarning)
 
 CONNECT_S = 10.0
 """How long a host may take to let one in."""

@@ -139,8 +139,8 @@ class RealtimePlant(Host):
         """A robot that was restarted is there: it takes part as soon as it can."""
         robot = join.robot
         if join.protocol != PROTOCOL:
-            raise Ended(self._mismatch(join))
-        if robot in self._scenario.ids and robot not in self._joined:
+            self._refuse(robot, f"speaks protocol {join.protocol}, not {PROTOCOL}")
+        elif robot in self._scenario.ids and robot not in self._joined:
             self._joined.add(robot)
             self._sensed.pop(robot, None)
             self._driven.pop(robot, None)

@@ -304,7 +304,7 @@ def start(tmp_path):
 
 
 def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
-    run = start("duration_s=4.0", "law.beta=2.5")
+    run = start("duration_s=4.0", "law.beta=2.5", "clock.sync_bound_s=1e-6")
     assert run.process.wait(60) == 1, run.log.read_text()  # too short for the claims
     judged, events = run.verdict(), run.events()
     assert judged["outcome"]["kind"] == "completed"
@@ -319,6 +319,9 @@ def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
         assert 0.0 < own["clock_uncertainty_s"] < 1.0
         assert abs(own["clock_offset_s"]) > 0.0
     assert judged["lyapunov"] is None
+    uncertain = {e["robot"]: e for e in events if e["event"] == "clock uncertain"}
+    assert set(uncertain) == {1, 2, 3, 4, 5}  # nobody knows the time to a microsecond
+    assert all(e["uncertainty_s"] > e["bound_s"] == 1e-6 for e in uncertain.values())
     for link in judged["links"]:
         assert 0.03 < link["delay_s"]["p50"] < 0.09
         assert link["sent"] > 30
