@@ -13,6 +13,7 @@ import click
 
 from lab.build import stale
 
+_EXTRA = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
 SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
 INLINE_RUNS = click.option(
     "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
@@ -247,7 +248,7 @@ def doctor(hosts: Path | None, keys: Path | None) -> None:
     try:
         from lab.doctor import examine
     except ImportError:
-        _fail(2, "doctor needs the packages for hosts: pip install 'formnet[hosts]'")
+        _fail(2, f"doctor needs more packages: {_EXTRA}")
     sys.exit(examine(hosts, keys))
 
 
@@ -274,7 +275,7 @@ def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
     try:
         from lab.keys import KeysExist, make, robots_of
     except ImportError:
-        _fail(2, "keys need the package cryptography: pip install 'formnet[hosts]'")
+        _fail(2, f"keys need the package cryptography: {_EXTRA}")
     try:
         ids = robots_of(robots)
     except ValueError as error:

@@ -50,8 +50,8 @@ class Where:
             try:
                 from lab.hosts import HostsError, load_hosts
             except ImportError:
-                raise BadPlace("--hosts needs the package asyncssh: pip install 'formnet[hosts]'"
-                               ) from None  # fmt: skip
+                extra = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
+                raise BadPlace(f"--hosts needs the package asyncssh: {extra}") from None
             try:
                 hosts = load_hosts(self.file)
             except HostsError as error:
