@@ -41,9 +41,7 @@ def certificate(folder: Path, name: str) -> dict[str, Any]:
     try:
         from cryptography import x509
     except ImportError:
-        return {
-            "problem": "cannot be looked at: pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
-        }
+        return {"problem": "cannot be looked at without the package cryptography"}
     try:
         own = x509.load_pem_x509_certificate(credentials.certificate.read_bytes())
         authority = x509.load_pem_x509_certificate(credentials.authority.read_bytes())

@@ -332,7 +332,7 @@ def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
 
 def test_robots_that_fail_in_real_time(start):
     run = start(
-        "duration_s=9.0", "run.patience_s=1.0",
+        "duration_s=9.0", "run.patience_s=2.0",
         'timeline=[{action="kill", at_s=1.0, robots=2, restart_after_s=1.0}, '
         '{action="pause", at_s=1.0, robots=3, resume_after_s=1.5}]',
     )  # fmt: skip
@@ -347,7 +347,7 @@ def test_robots_that_fail_in_real_time(start):
     judged = run.verdict()
     assert judged["robots"]["judged"] == [2, 3, 4]
     reasons = {item["robot"]: item["reason"] for item in judged["robots"]["lost"]}
-    assert reasons == {5: "its process is gone", 1: "did not ask or drive for 1 s"}
+    assert reasons == {5: "its process is gone", 1: "did not ask or drive for 2 s"}
     heard = pq.read_table(run.out / "links.parquet").to_pylist()
     last = max(row["t_sent_ns"] for row in heard if row["source"] == 2)
     assert last > 7e9  # the restarted one is heard again
