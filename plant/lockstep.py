@@ -6,7 +6,6 @@ when a tick is complete; the main thread does everything that goes wrong.
 
 import traceback
 from collections.abc import Callable, Mapping
-from math import inf
 
 import zenoh
 
@@ -26,6 +25,7 @@ from formation.messages import (
 )
 from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formation.scenario import Scenario
+from netem.timeline import NEVER
 from plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
 from plant.world import DIVERGED, World
 
@@ -53,7 +53,7 @@ class LockstepPlant(Host):
         self._world = World(scenario)
         self._gone: list[Gone] = []  # who was lost, unplanned
         self._paused: set[int] = set()
-        self._stir_at = inf  # the tick at which they have to take in what they have been sent
+        self._stir_at = NEVER  # the tick at which they have to take in what they have been sent
         self._behind: set[int] = set()  # who is doing so
         self._ready: set[int] = set()  # who has met whom it had to meet before this tick
         self._begun = -1  # the tick whose senses were sent last
@@ -149,13 +149,13 @@ class LockstepPlant(Host):
                 self._tell(robot, CatchUp(robot, world.tick - 1))
             self._wait("catch up", stirred, self._has_caught_up)
             self._sink(Stir([robot for robot in stirred if robot in self._paused], False))
-            self._stir_at = inf
+            self._stir_at = NEVER
         degree = max((len(self._scenario.neighbours_of[r]) for r in self._paused), default=0)
         if degree:
             ticks = max(1, _MOST_UNREAD // degree) * self._scenario.clock.broadcast_every
             self._stir_at = min(self._stir_at, world.tick + ticks)
         else:
-            self._stir_at = inf
+            self._stir_at = NEVER
 
     def _is_dead(self, robot: int) -> bool:
         return robot not in self._connected
