@@ -444,10 +444,12 @@ def plant(
 def _choose_threads(lease_s: float) -> None:
     """Before zenoh is loaded: where an end may be gone, closing it must not hold up the others.
 
-    On one machine, formnet.bus's single thread is faster.
+    Each connection to a machine that is gone may keep a thread busy for seconds. On one machine,
+    formnet.bus's single thread is faster.
     """
     if lease_s < 3600.0:
-        os.environ["ZENOH_RUNTIME"] = "()"
+        many = "(worker_threads: 64)"
+        os.environ["ZENOH_RUNTIME"] = f"(rx: {many}, tx: {many}, net: {many}, app: {many})"
 
 
 def _need_inline(jobs: int | None, *, inline: bool) -> None:
