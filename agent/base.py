@@ -26,8 +26,7 @@ from formation.roster import Roster
 from formation.scenario import Scenario
 from netem.link import IN_FLIGHT, Transit
 from netem.tables import nanoseconds
-
-NEVER = 2**63 - 1
+from netem.timeline import NEVER
 
 
 def _pair(command: Any) -> Command:

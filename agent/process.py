@@ -209,7 +209,7 @@ class RobotProcess:
     def _lose(self, gone: Gone) -> None:
         """Go on without a robot."""
         if self._robot is None:
-            return  # in real time, silence tells
+            return  # in real time silence tells; whoever says this is not the plant
         try:
             with self._lock:
                 drive = self._robot.on_loss(gone.robot, gone.tick)

@@ -18,7 +18,6 @@ from formation.messages import (
     Ask,
     End,
     Failed,
-    Gone,
     Links,
     Measured,
     Message,
@@ -69,8 +68,6 @@ class RealtimeLoop:
                 message = None
             if isinstance(message, End | Failed):
                 return message
-            if isinstance(message, Gone):
-                continue  # silence tells, as it would in the field
             now_ns = time.monotonic_ns()
             if now_ns < next_ns:
                 continue
@@ -85,12 +82,7 @@ class RealtimeLoop:
         with self._lock:
             self._lateness_s.add((now_ns - due_ns) / 1e9)
             self._periods += 1 + skipped
-            if skipped and self._clock.known:  # while this process was stopped, as planned
-                first_ns = due_ns + self._period_ns + self._clock.offset_ns()
-                skipped_by_plan = self._robot.was_down(first_ns)
-            else:
-                skipped_by_plan = False
-            if not skipped_by_plan:
+            if not (skipped and self._was_stopped(due_ns + self._period_ns)):
                 self._missed += skipped + (not self._answered)
             self._asked += 1 + skipped
             self._answered = False
@@ -98,6 +90,11 @@ class RealtimeLoop:
             number = self._asked
         self._send(encode(Ask(self._id, number)))
         return due_ns + (1 + skipped) * self._period_ns
+
+    def _was_stopped(self, own_ns: int) -> bool:
+        """Whether this process was stopped at ``own_ns`` by its clock, as planned."""
+        clock = self._clock
+        return clock.known and self._robot.was_down(own_ns + clock.offset_ns())
 
     def on_measured(self, measured: Measured) -> None:
         """The plant's answer, on a Zenoh thread. Raises LawFailed."""

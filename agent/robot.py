@@ -12,7 +12,7 @@ t_s + δ <= t_k; the law sees each neighbour's newest usable message by stamp,
 unless it has been silent for longer than ``neighbours.silence_s``.
 """
 
-from agent.base import NEVER, Outgoing, RobotBase
+from agent.base import Outgoing, RobotBase
 from agent.law import Law
 from formation.messages import (
     HELLO,
@@ -23,6 +23,7 @@ from formation.messages import (
     Sense,
 )
 from formation.scenario import Scenario
+from netem.timeline import NEVER
 
 
 class Robot(RobotBase):

@@ -24,7 +24,7 @@ def execute(
     distributed run's processes are put into the recording's folder; ``place`` says where they are.
 
     Raises:
-        HostLost: a robot's host cannot be reached.
+        HostUnreachable: a robot's host cannot be reached.
     """
     scenario, folder = recording.scenario, recording.folder
     name = f"{scenario.name}-{secrets.token_hex(6)}"  # unique on the bus

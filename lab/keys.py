@@ -69,11 +69,6 @@ def make(folder: Path, robots: Sequence[int], hosts: Sequence[str], days: int) -
     return written
 
 
-def expires(certificate: Path) -> datetime:
-    """When a certificate ends. Raises ValueError if it is none, OSError."""
-    return x509.load_pem_x509_certificate(certificate.read_bytes()).not_valid_after_utc
-
-
 def _authority(
     folder: Path, days: int, written: list[Path]
 ) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:

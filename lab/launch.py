@@ -99,7 +99,7 @@ class Launch:
     ``logs`` where each child's standard error goes. ``endpoint`` is where the plant listens.
 
     Raises:
-        HostLost: a robot's host cannot be reached; nothing is left running then.
+        Exception: what ``place.elsewhere`` raised; nothing is left running then.
     """
 
     def __init__(

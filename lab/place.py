@@ -123,7 +123,8 @@ class Where:
                         lambda line: print(f"[{host.name}] {line}", end="", file=stream),
                     )
                 except HostLost as error:
-                    raise HostUnreachable(str(error)) from None
+                    remedy = f"`formnet doctor --hosts {self.file}` says more"
+                    raise HostUnreachable(f"{error} ({remedy})") from None
 
             meeting = self.router or hosts.listen
             yield Place(meeting, self.keys, self.plaintext, self.router is not None, elsewhere)

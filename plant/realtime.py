@@ -16,7 +16,6 @@ from formation.messages import (
     Begin,
     Brief,
     Drive,
-    Gone,
     Join,
     Measured,
     Message,
@@ -164,8 +163,6 @@ class RealtimePlant(Host):
             tick = self._world.lose(robot, t_ns)
         self._joined.discard(robot)
         self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": tick}))
-        for other in self._joined:
-            self._tell(other, Gone(robot, tick))
 
     def _wind_up(self) -> None:
         if self._paused:
@@ -223,7 +220,7 @@ class RealtimePlant(Host):
             state = self._world.measure(robot, now_ns)
             self._to_robots[robot].put(encode(Measured(ask.number, now_ns, state)))
             self._sensed[robot] = (ask.number, now_ns)
-            self._heard_s[robot] = now_ns / 1e9 + self._origin_ns / 1e9
+            self._heard_s[robot] = time.monotonic()
 
     def _on_drive(self, robot: int, drive: Drive, now_ns: int) -> None:
         if not self._running or not self._world.up(robot, now_ns):

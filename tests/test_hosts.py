@@ -200,9 +200,9 @@ def test_real_time_over_three_hosts(start):
 
 @pytest.mark.parametrize("scenario", ["paper/section5-delay.toml", "yard.toml"])
 def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, network, scenario):
-    process, out = start(scenario, "duration_s=9.0")
-    until_event(out, "started")
-    time.sleep(0.5)
+    cut = 'timeline=[{action="cut", at_s=0.5, links=[[1, 2]], heal_after_s=0.1}]'
+    process, out = start(scenario, "duration_s=9.0", cut)
+    until_event(out, "network")  # it is under way
     with network.down("beta"):
         said, _ = process.communicate(timeout=90)
     assert process.returncode in (0, 1), said  # as it comes
