@@ -6,6 +6,7 @@ comes through a pipe, so all that was sent before a death can still be read; wha
 says befalls robots (kill, restart, pause, resume) is done to their processes here.
 """
 
+import os
 import queue
 import signal
 import socket
@@ -23,6 +24,7 @@ from typing import Protocol
 from formation.bus import LEASE_S, LOOPBACK
 from formation.record import Event, Outcome, Samples, Sink, Stir, read
 from formation.scenario import Scenario
+from lab.refusals import LOG_FILTER, Refusals
 from plant.host import FAREWELL_S, START_PATIENCE_S
 
 GRACE_S = 1.5
@@ -133,6 +135,12 @@ class Launch:
              "--record", "-",
              "--start-patience", str(START_PATIENCE_S), *common, *place.options],
         )  # fmt: skip
+        self._log_reader: threading.Thread | None = None
+        if self.plant.stderr is not None:
+            self._log_reader = threading.Thread(
+                target=self._read_log, args=(Refusals(scenario, name),), daemon=True
+            )
+            self._log_reader.start()
         self.robots: dict[int, Child] = {}
         try:
             for robot in scenario.ids:
@@ -178,6 +186,8 @@ class Launch:
             deadline = self._kill_at or time.monotonic() + GRACE_S
             end([self.plant, *self.robots.values()], deadline)
         self._reader.join()
+        if self._log_reader is not None:
+            self._log_reader.join()
         if self._outcome is None or self._outcome.kind == "broken":
             code = self.plant.returncode
             how = f"was killed by signal {-code}" if code < 0 else f"exited with code {code}"
@@ -203,6 +213,17 @@ class Launch:
             if isinstance(record, Event | Stir):
                 self._todo.put(record)
         self._todo.put(None)
+
+    def _read_log(self, refusals: Refusals) -> None:
+        """Keep what the plant says, and tell the sink whom its access control has refused."""
+        assert self.plant.stderr is not None
+        with (self._logs / "plant.log").open("a", encoding="utf-8", buffering=1) as log:
+            for raw in self.plant.stderr:
+                line, refusal = refusals.read(raw.decode(errors="replace"))
+                if line is not None:
+                    log.write(line)
+                if refusal is not None:
+                    self._sink(Event("refused", self._t_ns, refusal._asdict()))
 
     def _do_next(self) -> None:
         """Do to robots' processes what the plant says has happened, as soon as it says so."""
@@ -269,12 +290,15 @@ class Launch:
         return f"robot-{robot}" + (f"-life-{life}" if life else "")
 
     def _spawn(self, name: str, arguments: list[str]) -> LocalChild:
+        plant = name == "plant"
+        audited = plant and self._place.keys is not None and not self._place.routed
         with (self._logs / f"{name}.log").open("wb") as log:
             return LocalChild(
                 [sys.executable, "-m", "lab.cli", *arguments],
                 stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE if name == "plant" else log,
-                stderr=log,
+                stdout=subprocess.PIPE if plant else log,
+                stderr=subprocess.PIPE if audited else log,
+                env=os.environ | {"RUST_LOG": LOG_FILTER} if audited else None,
                 start_new_session=True,  # Ctrl-C reaches the launcher alone; it ends the others
             )
 

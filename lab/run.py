@@ -1,5 +1,6 @@
 """``formnet run``: load, launch, watch, judge, draw."""
 
+import threading
 import time
 from datetime import datetime
 from pathlib import Path
@@ -198,6 +199,11 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
             f"[yellow]rejected:[/] robot {item['robot']} refused {item['times']} message(s) "
             f"from {item['source']}: {escape(item['reason'])}"
         )
+    for item in judged["messages"]["refused"]:
+        console.print(
+            f"[yellow]refused:[/] who has {item['who']}'s certificate was denied "
+            f"{escape(item['key'])}, {item['times']} time(s) or more", soft_wrap=True,
+        )  # fmt: skip
     if judged["realtime"] is not None:
         console.print(timing_table(judged["realtime"], recording.scenario.clock.sync_bound_s))
     settled = judged["settling_time_s"]
@@ -216,6 +222,7 @@ class _Watch:
     def __init__(self, console: Console, recording: Recording) -> None:
         self._console = console
         self._recording = recording
+        self._lock = threading.RLock()
         self._started: float | None = None
         self._ended: float | None = None
         self._drawn = 0.0
@@ -240,7 +247,11 @@ class _Watch:
         return (self._ended or time.monotonic()) - self._started
 
     def take(self, record: Record) -> None:
-        """A sink in front of the recording."""
+        """A sink in front of the recording, for any thread."""
+        with self._lock:
+            self._take(record)
+
+    def _take(self, record: Record) -> None:
         self._recording(record)
         if isinstance(record, Event):
             if record.kind == "started":

@@ -237,7 +237,18 @@ def _messages(recording: Collected) -> dict[str, Any]:
             {"robot": robot, "source": source, "reason": reason, "times": times}
             for (robot, source, reason), times in rejections(recording).items()
         ],
+        "refused": _refused(recording),
     }
+
+
+def _refused(recording: Collected) -> list[dict[str, Any]]:
+    """Who was denied which key by the hub's access control, and how often, at least."""
+    times = {
+        (event.details["who"], event.details["key"]): event.details["times"]
+        for event in recording.events
+        if event.kind == "refused"
+    }
+    return [{"who": who, "key": key, "times": count} for (who, key), count in times.items()]
 
 
 def _links(recording: Collected, end_ns: int) -> list[dict[str, Any]]:

@@ -19,13 +19,15 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
 from formation import bus
+from formation.loading import load
 from formation.record import Event, Samples, read
 from formation.security import MONITOR, PLANT, Credentials, KeysError, robot_name
-from lab import keys
+from lab import keys, verdict
 from lab.claims.command import CONFIGS
 from lab.cli import main
-from lab.launch import free_port
-from lab.recording import trajectory_sha256
+from lab.launch import Launch, Place, free_port
+from lab.recording import Recording, trajectory_sha256
+from lab.refusals import MANY
 
 PATIENCE_S = 1.0
 
@@ -357,6 +359,46 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     judged = json.loads((tmp_path / "inline" / "verdict.json").read_text())
     assert trajectory_sha256(samples) == judged["trajectory_sha256"]
     assert "received corrupt message" in (tmp_path / "plant.log").read_text()
+
+
+def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
+    place, out = tmp_path / "keys", tmp_path / "run"
+    keys.make(place, range(1, 6), [], 30)
+    scenario = load(CONFIGS / "paper" / "section5-delay.toml", ["duration_s=1"])
+    recording, names = Recording(out, scenario), bus.Keys("run")
+    where = Place(endpoint=f"tls/127.0.0.1:{free_port()}", keys=place)
+    launch = Launch(out / "scenario.toml", scenario, "run", recording, out / "logs", where)
+
+    def told():
+        return {(e.details["who"], e.details["key"]) for e in recording.events if e.kind == "refused"}
+
+    once = [names.broadcast(1), names.from_robot(4)]  # through publishers, which Zenoh logs once
+    heard = [names.broadcast(2), names.to_robot(3), names.plant_alive]  # by every robot 3
+    often = [names.from_robot(1), names.to_robot(5), *heard]
+    lies = {("robot-3", key) for key in [*once, *often, names.robot_alive(2)]}
+    lies.add(("monitor", names.to_robot(2)))
+    with (
+        bus.session(connect=where.endpoint, credentials=Credentials(place, "robot-3")) as liar,
+        bus.session(connect=where.endpoint, credentials=Credentials(place, "monitor")) as spy,
+    ):
+        publishers = [bus.publisher(liar, key) for key in once]
+        for _ in range(MANY):
+            for publisher in publishers:
+                publisher.put(b"lie")
+            for key in often:
+                liar.put(key, b"lie")
+        token = liar.liveliness().declare_token(names.robot_alive(2))
+        spy.put(names.to_robot(2), b"lie")
+        until(lambda: lies <= told())
+        outcome = launch.wait(lambda: False, lambda: None)
+        del token
+    recording.save()
+    assert outcome.kind == "completed"
+    assert told() == lies
+    listed = verdict.of(recording, mode="distributed", wall_s=1.0)["messages"]["refused"]
+    assert {(item["who"], item["key"]) for item in listed} == lies
+    assert {item["times"] for item in listed if item["key"] in often} == {MANY}
+    assert "access_control" not in (out / "logs" / "plant.log").read_text()
 
 
 # --- off loopback, and runs -------------------------------------------------------------------------
