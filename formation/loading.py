@@ -205,10 +205,21 @@ def _cross_check(scenario: Scenario) -> list[Problem]:
         *_check_coupling(scenario),
         *_check_selectors(scenario),
         *_check_window(scenario),
+        *_check_hosts(scenario),
     ]
     if not found:  # which links there are is clear
         found = [*_check_links(scenario)] or [*_check_timeline(scenario)]
     return found
+
+
+def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
+    for host in scenario.hosts.hosts if scenario.hosts is not None else ():
+        for robot in host.robots:
+            if robot not in scenario.ids:
+                yield Problem(
+                    f"hosts.{host.name}.robots", str(robot),
+                    f"robot {robot} does not exist (robots: {', '.join(map(str, scenario.ids))})",
+                )  # fmt: skip
 
 
 def _check_clock(scenario: Scenario) -> Iterator[Problem]:

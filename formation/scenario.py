@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Discriminator, Field, Tag, create_model, model_validator
 
 from formation.fault import spans_of
+from formation.hosts import Hosts
 from formation.messages import State
 from formation.roster import Roster
 from formation.selectors import RobotId, Robots, pair_covers
@@ -307,6 +308,7 @@ class Scenario(Table):
     timeline: list[TimelineAction] = []
     robots: Annotated[list[RobotTable], Field(min_length=1)]
     expect: Expect | None = None
+    hosts: Hosts | None = None
 
     @property
     def ids(self) -> list[int]:

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.markup import escape
 
+from formation.hosts import Host, Hosts, HostsError, load_hosts
 from formation.security import MONITOR, PLANT
-from lab.hosts import Fleet, Host, HostLost, Hosts, HostsError, load_hosts
+from lab.hosts import Fleet, HostLost
 from lab.probe import certificate, probe
 from lab.run import ALL_HOLD, BAD_INPUT, ONE_FAILS
 

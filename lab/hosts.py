@@ -1,4 +1,4 @@
-"""Hosts on which robots run, over SSH: who they are, and what runs there as if it ran here.
+"""Hosts on which robots run, over SSH: what runs there as if it ran here.
 
 An agent on another host is a :class:`RemoteChild` with the face of ``subprocess.Popen``; its
 standard input is its leash here too, for SSH closes it when this process ends. asyncssh has a
@@ -9,18 +9,13 @@ import asyncio
 import shlex
 import signal
 import threading
-import tomllib
 import warnings
 from collections.abc import Callable, Coroutine
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
 import asyncssh
-from pydantic import Field, ValidationError
 
-from formation.selectors import RobotId
-from netem.problems import Problem, problems
-from netem.tables import Table
+from formation.hosts import Host
 
 # asyncssh leaves a coroutine behind when a connection is cut off; nobody needs to know.
 warnings.filterwarnings("ignore", "coroutine 'Queue.join' was never awaited", RuntimeWarning)
@@ -33,68 +28,8 @@ KEEPALIVE_S, KEEPALIVES = 1, 3
 Result = TypeVar("Result")
 
 
-class Host(Table):
-    """``[[hosts]]``: a machine and the robots it runs.
-
-    ``ssh`` is where to reach it (``user@address:port``, as in ~/.ssh/config or not);
-    ``python`` the interpreter there of an environment with formnet in it; ``keys`` the folder
-    of keys there, with the certificates of its robots.
-    """
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
-    ssh: Annotated[str, Field(min_length=1)]
-    robots: Annotated[list[RobotId], Field(min_length=1)]
-    python: str = "python3"
-    keys: str | None = None
-
-
-class Hosts(Table):
-    """A file of hosts: where robots reach the plant on this one, and the others."""
-
-    listen: Annotated[str, Field(pattern=r"^(tcp|tls)/.+:\d+$")]
-    hosts: Annotated[list[Host], Field(min_length=1)]
-
-    def of(self, robot: int) -> Host | None:
-        """Where ``robot`` runs; None: here."""
-        return next((host for host in self.hosts if robot in host.robots), None)
-
-
-class HostsError(ValueError):
-    """A file of hosts that cannot be used; ``problems`` holds everything found."""
-
-    def __init__(self, file: str, problems: list[Problem]) -> None:
-        self.file, self.problems = file, problems
-        super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
-
-
 class HostLost(RuntimeError):
     """A host cannot be reached; the text says which one and why."""
-
-
-def load_hosts(path: Path) -> Hosts:
-    """Read and check a file of hosts.
-
-    Raises:
-        HostsError: with every problem found.
-    """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        hosts = Hosts.model_validate(data)
-    except ValidationError as error:
-        raise HostsError(str(path), problems(Hosts, data, error)) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise HostsError(str(path), [Problem("file", None, str(error))]) from None
-    seen: dict[int, str] = {}
-    found: list[Problem] = []
-    for host in hosts.hosts:
-        for robot in host.robots:
-            if robot in seen:
-                found.append(Problem(f"hosts.{host.name}.robots", str(robot),
-                                     f"runs on {seen[robot]} already"))  # fmt: skip
-            seen[robot] = host.name
-    if found:
-        raise HostsError(str(path), found)
-    return hosts
 
 
 class Fleet:

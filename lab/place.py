@@ -3,17 +3,15 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from formation import bus
+from formation.hosts import Host, Hosts, HostsError, load_hosts
 from formation.record import Event, Sink
 from formation.scenario import Scenario
 from formation.security import PLANT, Credentials, KeysError, robot_name
 from lab.launch import Child, Place
-
-if TYPE_CHECKING:
-    from lab.hosts import Host, Hosts
 
 
 class BadPlace(ValueError):
@@ -26,36 +24,38 @@ class HostUnreachable(RuntimeError):
 
 @dataclass(frozen=True)
 class Where:
-    """``--hosts``, ``--keys``, ``--plaintext`` and ``--connect`` (a Zenoh router's endpoint)."""
+    """``--hosts``, ``--keys``, ``--plaintext`` and ``--connect`` (a Zenoh router's endpoint).
+
+    Without ``--hosts``, a scenario's own are taken, if it has any.
+    """
 
     file: Path | None = None
     keys: Path | None = None
     plaintext: bool = False
     router: str | None = None
 
-    def hosts(self, scenario: Scenario) -> "Hosts | None":
+    def hosts(self, scenario: Scenario) -> Hosts | None:
         """The hosts, which must suit the scenario and the keys.
 
         Raises:
             BadPlace: they do not.
         """
-        hosts = None
         if self.router is not None:
             try:
                 bus.check_endpoint(self.router, secure=self.keys is not None,
                                    plaintext=self.plaintext)  # fmt: skip
             except bus.BusError as error:
                 raise BadPlace(f"--connect: {error}") from None
+        hosts = scenario.hosts
         if self.file is not None:
-            try:
-                from lab.hosts import HostsError, load_hosts
-            except ImportError:
-                extra = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
-                raise BadPlace(f"--hosts needs the package asyncssh: {extra}") from None
             try:
                 hosts = load_hosts(self.file)
             except HostsError as error:
                 raise BadPlace(str(error)) from None
+        if hosts is not None:
+            if find_spec("asyncssh") is None:
+                extra = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
+                raise BadPlace(f"hosts need the package asyncssh: {extra}")
             self._check(scenario, hosts)
         try:
             if self.keys is not None:
@@ -67,33 +67,32 @@ class Where:
             raise BadPlace(f"--keys: {error}") from None
         return hosts
 
-    def _check(self, scenario: Scenario, hosts: "Hosts") -> None:
+    def _check(self, scenario: Scenario, hosts: Hosts) -> None:
+        source = self.file or "[hosts]"
         for host in hosts.hosts:
             for robot in host.robots:
                 if robot not in scenario.ids:
-                    place = f"{self.file}: hosts.{host.name}.robots"
+                    place = f"{source}: hosts.{host.name}.robots"
                     raise BadPlace(f"{place}: robot {robot} is not in the scenario")
             if self.keys is not None and host.keys is None:
-                raise BadPlace(f"{self.file}: hosts.{host.name}.keys: is required with --keys")
+                raise BadPlace(f"{source}: hosts.{host.name}.keys: is required with --keys")
         least_s = 2.0 * bus.LEASE_S
         if scenario.run.patience_s < least_s:
             raise BadPlace(
                 f"run.patience_s = {scenario.run.patience_s:g}: must be at least {least_s:g} with "
-                f"--hosts: a silent connection holds others up for {bus.LEASE_S:g} s"
+                f"hosts: a silent connection holds others up for {bus.LEASE_S:g} s"
             )
         secure = hosts.listen.startswith("tls/")
         if secure and self.keys is None:
-            raise BadPlace(f"{self.file}: listen = {hosts.listen!r} needs --keys DIR")
+            raise BadPlace(f"{source}: listen = {hosts.listen!r} needs --keys DIR")
         if not secure and not self.plaintext and not bus.on_loopback(hosts.listen):
             raise BadPlace(
-                f"{self.file}: listen = {hosts.listen!r}: off loopback it must be tls/HOST:PORT, "
+                f"{source}: listen = {hosts.listen!r}: off loopback it must be tls/HOST:PORT, "
                 "with --keys DIR (or --plaintext, on a network that you trust)"
             )
 
     @contextmanager
-    def place(
-        self, hosts: "Hosts | None", sink: Sink, now_ns: Callable[[], int]
-    ) -> Iterator[Place]:
+    def place(self, hosts: Hosts | None, sink: Sink, now_ns: Callable[[], int]) -> Iterator[Place]:
         """Where it is; connections to hosts are closed at the end.
 
         ``sink`` hears of lost hosts, at ``now_ns()`` of the run's time.
@@ -103,10 +102,11 @@ class Where:
             return
         from lab.hosts import Fleet, HostLost
 
-        def lost(host: "Host", why: str) -> None:
+        def lost(host: Host, why: str) -> None:
             details = {"host": host.name, "robots": host.robots, "reason": why}
             sink(Event("host lost", now_ns(), details))
 
+        source = self.file or "the scenario's file"
         with Fleet(lost) as fleet:
 
             def elsewhere(robot: int, arguments: list[str], log: Path) -> Child | None:
@@ -123,7 +123,7 @@ class Where:
                         lambda line: print(f"[{host.name}] {line}", end="", file=stream),
                     )
                 except HostLost as error:
-                    remedy = f"`formnet doctor --hosts {self.file}` says more"
+                    remedy = f"`formnet doctor --hosts {source}` says more"
                     raise HostUnreachable(f"{error} ({remedy})") from None
 
             meeting = self.router or hosts.listen

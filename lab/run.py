@@ -55,7 +55,7 @@ def run_scenario(
     for warning in assess(scenario).warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     try:
-        hosts = where.hosts(scenario)
+        hosts = None if inline else where.hosts(scenario)
     except BadPlace as error:
         console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
         return BAD_INPUT

@@ -14,10 +14,10 @@ import asyncssh
 import pytest
 from conftest import missing
 
-from formation.loading import load
+from formation.hosts import HostsError, load_hosts
+from formation.loading import ScenarioError, load
 from lab import keys
 from lab.claims.command import CONFIGS
-from lab.hosts import HostsError, load_hosts
 from lab.place import BadPlace, Where
 
 HOSTS = {"alpha": [1, 2], "beta": [3, 4], "gamma": [5]}
@@ -126,14 +126,13 @@ def network(tmp_path_factory):
 def start(network, tmp_path):
     runs = []
 
-    def starter(scenario, *overrides):
+    def starter(scenario, *overrides, hosts=("--hosts", network.folder / "hosts.toml")):
         out = tmp_path / f"run{len(runs)}"
         sets = [part for text in overrides for part in ("--set", text)]
         environment = {**os.environ, "HOME": str(network.folder / "home")}
         process = subprocess.Popen(
             [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / scenario), "--out", str(out),
-             "--hosts", str(network.folder / "hosts.toml"), "--keys",
-             str(network.folder / "keys"), *sets],
+             *map(str, hosts), "--keys", str(network.folder / "keys"), *sets],
             env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
         runs.append(process)
@@ -170,11 +169,20 @@ def left_on(network, host):
 
 
 def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path):
-    process, out = start("paper/section5-delay.toml", "duration_s=2.0")
+    """And the hosts stand in the scenario here."""
+    hosts = (network.folder / "hosts.toml").read_text()
+    listen, machines = hosts.split("\n", 1)
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(
+        (CONFIGS / "paper" / "section5-delay.toml").read_text()
+        + f"\n[hosts]\n{listen}\n" + machines.replace("[[hosts]]", "[[hosts.hosts]]")
+    )  # fmt: skip
+    process, out = start(scenario, "duration_s=2.0", hosts=())
     said, _ = process.communicate(timeout=90)
     assert process.returncode == 1, said  # too short for the claims
+    assert load_hosts(scenario) == load_hosts(network.folder / "hosts.toml")
     subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / "paper/section5-delay.toml"),
+        [sys.executable, "-m", "lab.cli", "run", str(scenario),
          "--inline", "--set", "duration_s=2.0", "--out", str(tmp_path / "inline")],
         capture_output=True,
     )  # fmt: skip
@@ -369,7 +377,7 @@ GOOD = 'listen = "tls/10.0.0.1:7447"\n[[hosts]]\nname = "a"\nssh = "x"\nrobots =
         (GOOD.replace("tls/10.0.0.1:7447", "10.0.0.1"), "listen = "),
         (GOOD + 'passwords = "x"\n', "unknown key"),
         (GOOD.replace("[1]", "[]"), "hosts[0].robots"),
-        (GOOD + GOOD.split("\n", 1)[1].replace('"a"', '"b"'), "hosts.b.robots = 1: runs on a"),
+        (GOOD + GOOD.split("\n", 1)[1].replace('"a"', '"b"'), "robot 1 runs on a and on b"),
         ("= 3", "file: "),
     ],
 )
@@ -381,12 +389,20 @@ def test_a_bad_file_of_hosts_is_said(tmp_path, text, words):
     assert words in str(found.value)
 
 
+def test_the_hosts_of_a_scenario_are_checked_with_it(tmp_path):
+    text = (CONFIGS / "yard.toml").read_text() + "\n[hosts]\n"
+    file = tmp_path / "scenario.toml"
+    file.write_text(text + GOOD.replace("[[hosts]]", "[[hosts.hosts]]").replace("[1]", "[1, 9]"))
+    with pytest.raises(ScenarioError, match=r"hosts.a.robots = 9: robot 9 does not exist"):
+        load(file)
+
+
 def test_hosts_and_an_impatient_run_do_not_go_together(tmp_path):
     file = tmp_path / "hosts.toml"
     file.write_text(GOOD)
     keys.make(tmp_path / "keys", range(1, 6), [], 1)
     scenario = load(CONFIGS / "yard.toml", ["run.patience_s=1.0"])
-    with pytest.raises(BadPlace, match=r"run.patience_s = 1: must be at least 4 with --hosts"):
+    with pytest.raises(BadPlace, match=r"run.patience_s = 1: must be at least 4 with hosts"):
         Where(file, tmp_path / "keys").hosts(scenario)
 
 

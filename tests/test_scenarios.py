@@ -27,7 +27,7 @@ BAD = {
     "unknown key in a union": ("mean_s = 0.1", "men_s = 0.1",
                                "network.default.delay.men_s = 0.1: unknown key; did you mean 'mean_s'?"),
     "nothing near": ("seed = 1", "zzz = 1", "zzz = 1: unknown key; valid keys here: clock, description, "
-                     "duration_s, expect, formation, law, name, neighbours, network, plant, robot_defaults, robots, "
+                     "duration_s, expect, formation, hosts, law, name, neighbours, network, plant, robot_defaults, robots, "
                      "run, seed, timeline"),
     "missing key": ('name = "section5-delay"', "", "name: is required"),
     "missing in a robot": ("offset_m = [4.0, 0.0]\n", "", "robots[4].offset_m: is required"),

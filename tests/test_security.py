@@ -370,7 +370,9 @@ def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
     launch = Launch(out / "scenario.toml", scenario, "run", recording, out / "logs", where)
 
     def told():
-        return {(e.details["who"], e.details["key"]) for e in recording.events if e.kind == "refused"}
+        return {
+            (e.details["who"], e.details["key"]) for e in recording.events if e.kind == "refused"
+        }
 
     once = [names.broadcast(1), names.from_robot(4)]  # through publishers, which Zenoh logs once
     heard = [names.broadcast(2), names.to_robot(3), names.plant_alive]  # by every robot 3

@@ -1,0 +1,73 @@
+"""On which machines the robots run: a file of hosts, or ``[hosts]`` in a scenario."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError, model_validator
+
+from formation.selectors import RobotId
+from netem.problems import Problem, problems
+from netem.tables import Table
+
+
+class Host(Table):
+    """``[[hosts]]``: a machine and the robots it runs.
+
+    ``ssh`` is where to reach it (``user@address:port``, as in ~/.ssh/config or not);
+    ``python`` the interpreter there of an environment with formnet in it; ``keys`` the folder
+    of keys there, with the certificates of its robots.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+    ssh: Annotated[str, Field(min_length=1)]
+    robots: Annotated[list[RobotId], Field(min_length=1)]
+    python: str = "python3"
+    keys: str | None = None
+
+
+class Hosts(Table):
+    """``[hosts]``: where robots reach the plant on this machine, and the other machines."""
+
+    listen: Annotated[str, Field(pattern=r"^(tcp|tls)/.+:\d+$")]
+    hosts: Annotated[list[Host], Field(min_length=1)]
+
+    def of(self, robot: int) -> Host | None:
+        """Where ``robot`` runs; None: here."""
+        return next((host for host in self.hosts if robot in host.robots), None)
+
+    @model_validator(mode="after")
+    def _one_host_each(self) -> "Hosts":
+        seen: dict[int, str] = {}
+        for host in self.hosts:
+            for robot in host.robots:
+                if robot in seen:
+                    raise ValueError(f"robot {robot} runs on {seen[robot]} and on {host.name}")
+                seen[robot] = host.name
+        return self
+
+
+class HostsError(ValueError):
+    """A file of hosts that cannot be used; ``problems`` holds everything found."""
+
+    def __init__(self, file: str, problems: list[Problem]) -> None:
+        self.file, self.problems = file, problems
+        super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
+
+
+def load_hosts(path: Path) -> Hosts:
+    """Read and check a file of hosts, or those of a scenario that has them.
+
+    Raises:
+        HostsError: with every problem found.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        if isinstance(data.get("hosts"), dict):  # a scenario's
+            data = data["hosts"]
+        hosts = Hosts.model_validate(data)
+    except ValidationError as error:
+        raise HostsError(str(path), problems(Hosts, data, error)) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise HostsError(str(path), [Problem("file", None, str(error))]) from None
+    return hosts
