@@ -65,6 +65,7 @@ CATCH_UP_S = 2.0
 """How long nothing may come before a robot that ends gives up on messages that should be there."""
 _POLL_S = 0.005
 _FLUSH_ROWS = 200
+_REPORT_NS = 500_000_000
 
 
 class RobotProcess:
@@ -78,6 +79,8 @@ class RobotProcess:
         self._inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._lock = threading.Lock()  # guards the core: senses and broadcasts come on own threads
         self._robot: Robot | None = None  # in lockstep
+        self._report_tick = 0  # when it reports next, at the latest
+        self._report_ticks = 1
         self._loop: RealtimeLoop | None = None  # in real time
         self._started = threading.Event()
         self._broadcast: zenoh.Publisher | None = None
@@ -105,6 +108,7 @@ class RobotProcess:
         try:
             scenario = loads(brief.scenario, "brief")
             timed = scenario.clock.mode == "realtime"
+            self._report_ticks = max(1, _REPORT_NS // scenario.clock.control_period_ns)
             self._broadcast = broadcast = bus.publisher(
                 self._session, self._keys.broadcast(self._id), blocking=not timed
             )
@@ -299,7 +303,8 @@ class RobotProcess:
                     broadcast.put(outgoing.payload, attachment=outgoing.envelope.pack())
                 if drive is not None:
                     self._to_plant.put(encode(drive))
-                if robot.unreported >= _FLUSH_ROWS:
+                if robot.unreported >= _FLUSH_ROWS or message.tick >= self._report_tick:
+                    self._report_tick = message.tick + self._report_ticks
                     self._flush(robot)
         except LawFailed as error:
             self._fail(error)

@@ -46,6 +46,8 @@ class Keys:
         self.from_robots = f"{self._prefix}/from-robot/*"
         self.broadcasts = f"{self._prefix}/broadcast/*"
         self.robots_alive = f"{self._prefix}/alive/robot/*"
+        self.watch = f"{self._prefix}/watch"
+        self.history = f"{self._prefix}/history"
         self.plant_alive = f"{self._prefix}/alive/plant"
 
     def to_robot(self, robot: int) -> str:

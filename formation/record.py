@@ -100,12 +100,21 @@ _KINDS: dict[str, type[Streamed]] = {
 }
 
 
+def pack(record: Streamed) -> bytes:
+    """A record as it is in a stream."""
+    return msgpack.packb((type(record).__name__, *record))  # type: ignore[no-any-return]
+
+
+def unpack(data: bytes) -> Streamed:
+    """One record. Raises ValueError, TypeError or KeyError if ``data`` is none."""
+    return _record(*msgpack.unpackb(data))
+
+
 def writer(stream: IO[bytes]) -> Callable[[Streamed], None]:
     """A sink that writes every record to ``stream`` at once."""
-    pack = msgpack.Packer(autoreset=True).pack
 
     def write(record: Streamed) -> None:
-        stream.write(pack((type(record).__name__, *record)))
+        stream.write(pack(record))
         stream.flush()
 
     return write
@@ -117,10 +126,13 @@ def read(stream: IO[bytes]) -> Iterator[Streamed]:
     while chunk := stream.read1(2**16):  # type: ignore[attr-defined]
         unpacker.feed(chunk)
         for name, *fields in unpacker:
-            kind = _KINDS[name]
-            if kind is Samples:
-                yield Samples([Sample(*row) for row in fields[0]])
-            elif kind is LinkRows:
-                yield LinkRows([LinkRow(*row) for row in fields[0]])
-            else:
-                yield kind(*fields)
+            yield _record(name, *fields)
+
+
+def _record(name: str, *fields: Any) -> Streamed:
+    kind = _KINDS[name]
+    if kind is Samples:
+        return Samples([Sample(*row) for row in fields[0]])
+    if kind is LinkRows:
+        return LinkRows([LinkRow(*row) for row in fields[0]])
+    return kind(*fields)

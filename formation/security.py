@@ -6,7 +6,7 @@ party put and hear only what is its own. Files of a folder of keys: ``ca.pem``, 
 party ``<name>.pem`` and ``<name>-key.pem`` (mode 0600).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,7 @@ def access_control(robots: Iterable[int]) -> dict[str, Any]:
     """Zenoh's ``access_control`` for a hub: nothing is allowed but what stands here.
 
     A robot puts on its own keys and hears the plant and other robots; a monitor hears
-    what robots broadcast and puts nothing. Runs have keys ``formnet/<run>/...``.
+    what robots broadcast and what is recorded, and puts nothing. Runs have keys ``formnet/<run>/...``.
     """
     rules: list[dict[str, Any]] = []
     subjects, policies = [], []
@@ -84,8 +84,9 @@ def access_control(robots: Iterable[int]) -> dict[str, Any]:
         rules += mine
         subjects.append({"id": name, "cert_common_names": [name]})
         policies.append({"rules": [rule["id"] for rule in mine], "subjects": [name]})
-    watching = list(_rules(MONITOR, puts=[], hears=["formnet/*/broadcast/*"], alive=None,
-                           watches=["formnet/*/alive/**"]))  # fmt: skip
+    watching = list(_rules(MONITOR, puts=[], hears=["formnet/*/broadcast/*", "formnet/*/watch"],
+                           alive=None, watches=["formnet/*/alive/**"],
+                           asks=["formnet/*/history"]))  # fmt: skip
     rules += watching
     subjects.append({"id": MONITOR, "cert_common_names": [MONITOR]})
     policies.append({"rules": [rule["id"] for rule in watching], "subjects": [MONITOR]})
@@ -96,8 +97,9 @@ def access_control(robots: Iterable[int]) -> dict[str, Any]:
 
 
 def _rules(
-    name: str, *, puts: list[str], hears: list[str], alive: str | None, watches: list[str]
-) -> Iterator[dict[str, Any]]:
+    name: str, *, puts: list[str], hears: list[str], alive: str | None, watches: list[str],
+    asks: Sequence[str] = (),
+) -> Iterator[dict[str, Any]]:  # fmt: skip
     """What ``name`` may send to the hub (ingress) and get from it (egress)."""
 
     def rule(what: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
@@ -111,6 +113,9 @@ def _rules(
         yield rule("is-heard", "egress", ["declare_subscriber"], listeners)
     yield rule("subscribes", "ingress", ["declare_subscriber"], hears)
     yield rule("hears", "egress", ["put"], hears)
+    if asks:
+        yield rule("asks", "ingress", ["query"], [*asks])
+        yield rule("is-answered", "egress", ["declare_queryable", "reply"], [*asks])
     if alive is not None:
         yield rule("is-alive", "ingress", ["liveliness_token"], [alive])
     yield rule("asks-who-is-alive", "ingress",

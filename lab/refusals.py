@@ -48,7 +48,7 @@ class Refusals:
             for robot in scenario.ids
         }  # fmt: skip
         self._common[MONITOR] = {
-            keys.broadcasts, keys.plant_alive,
+            keys.broadcasts, keys.plant_alive, keys.watch, keys.history,
             *(keys.broadcast(robot) for robot in scenario.ids),
             *(keys.robot_alive(robot) for robot in scenario.ids),
         }  # fmt: skip

@@ -16,6 +16,7 @@ from formation.scenario import Scenario
 from formation.security import PLANT, Credentials
 from plant.lockstep import LockstepPlant
 from plant.realtime import RealtimePlant
+from plant.watch import Watched
 
 
 def main(
@@ -46,7 +47,13 @@ def main(
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error
     with _sink(record) as sink, opened as session:
-        plant = kind(session, scenario, run, sink, start_patience_s)
+        watched = Watched(session, scenario, run)
+
+        def take(record: Streamed) -> None:
+            sink(record)
+            watched.take(record)
+
+        plant = kind(session, scenario, run, take, start_patience_s)
         on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
         outcome = plant.run()
     return 0 if outcome.kind in ("completed", "diverged") else 3
