@@ -71,7 +71,9 @@ def access_control(robots: Iterable[int]) -> dict[str, Any]:
     """Zenoh's ``access_control`` for a hub: nothing is allowed but what stands here.
 
     A robot puts on its own keys and hears the plant and other robots; a monitor hears
-    what robots broadcast and what is recorded, and puts nothing. Runs have keys ``formnet/<run>/...``.
+    what robots broadcast and what is recorded, and puts nothing.
+
+    Runs have keys ``formnet/<run>/...``.
     """
     rules: list[dict[str, Any]] = []
     subjects, policies = [], []

@@ -1,10 +1,19 @@
 """What all figures share."""
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 # Okabe and Ito's palette: told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
+
+
+def around(points: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Indices that go once around the mean of points (n, 2), and back to the first."""
+    centred = points - points.mean(axis=0)
+    order = np.argsort(np.arctan2(centred[:, 1], centred[:, 0]))
+    return np.append(order, order[:1])
 
 
 def blank(width: float, height: float) -> Figure:

@@ -51,6 +51,12 @@ LEASH = click.option(
 )
 
 
+VIEW = click.option("--view", is_flag=True, help="Watch it in a window (Rerun).")
+WEB = click.option(
+    "--web", is_flag=True, help="Watch it in a browser; the address is on this machine alone."
+)
+
+
 class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -91,6 +97,8 @@ def main() -> None:
 )
 @KEYS
 @PLAINTEXT
+@VIEW
+@WEB
 def run(
     scenario: Path,
     out: Path | None,
@@ -100,6 +108,8 @@ def run(
     router: str | None,
     keys: Path | None,
     plaintext: bool,
+    view: bool,
+    web: bool,
 ) -> None:
     """Run SCENARIO.toml and judge it.
 
@@ -110,11 +120,74 @@ def run(
         raise click.UsageError(
             "--inline is one process: no --hosts, --connect, --keys or --plaintext"
         )
+    if inline and (view or web):
+        raise click.UsageError(
+            "--inline is over before one can look: afterwards, formnet replay RUN shows it"
+        )
     from lab.place import Where
     from lab.run import run_scenario
 
     where = Where(hosts, keys, plaintext, router)
-    sys.exit(run_scenario(scenario, overrides, out, inline=inline, where=where))
+    shown = _view(view=view, web=web)
+    sys.exit(run_scenario(scenario, overrides, out, inline=inline, where=where, view=shown))
+
+
+@main.command()
+@click.argument(
+    "folder", required=False, metavar="[RUN]", type=click.Path(path_type=Path, file_okay=False)
+)
+@click.option("--connect", metavar="ENDPOINT", help="Where it goes on, e.g. tls/192.168.1.10:7447.")
+@click.option("--run", "run_name", metavar="ID", help="Which one, if several go on there.")
+@VIEW
+@WEB
+@click.option(
+    "--save", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.rrd",
+    help="Keep what is seen.",
+)  # fmt: skip
+@KEYS
+@PLAINTEXT
+@LEASH
+def monitor(
+    folder: Path | None,
+    connect: str | None,
+    run_name: str | None,
+    view: bool,
+    web: bool,
+    save: Path | None,
+    keys: Path | None,
+    plaintext: bool,
+    leash: bool,
+) -> None:
+    """Watch a run that goes on: that of the folder RUN, by default the newest below runs.
+
+    It only listens: the run does not notice it, whatever becomes of it. Without --web or --save
+    it opens a window.
+
+    Exit code 0: the run was seen to its end; 1: it broke off; 2: there is nothing to watch.
+    """
+    if connect is not None and folder is not None:
+        raise click.UsageError("RUN is a run on this machine: it and --connect exclude each other")
+    shown = _view(view=view or not (web or save), web=web)
+    if save is not None and save.exists():
+        _fail(2, f"--save: {save} exists already")
+    _choose_threads(1.0)
+    import threading
+
+    from formation.bus import BusError
+    from formation.process import on_stop
+    from formation.security import KeysError
+    from lab.live import find
+    from lab.monitor import NoRun, Source, watch
+    from lab.viewer import ViewerFailed
+
+    stopped = threading.Event()
+    on_stop(stopped.set, at_end_of_input=leash)
+    try:
+        endpoint, name = find(folder) if connect is None else (connect, run_name)
+        source = Source(endpoint, name, keys, plaintext)
+        sys.exit(watch(source, view=shown, file=save, stopped=stopped))
+    except (LookupError, BusError, KeysError, NoRun, ViewerFailed) as error:
+        _fail(2, str(error))
 
 
 @main.command()
@@ -450,6 +523,12 @@ def _choose_threads(lease_s: float) -> None:
     if lease_s < 3600.0:
         many = "(worker_threads: 64)"
         os.environ["ZENOH_RUNTIME"] = f"(rx: {many}, tx: {many}, net: {many}, app: {many})"
+
+
+def _view(*, view: bool, web: bool) -> str | None:
+    if view and web:
+        raise click.UsageError("--view and --web exclude each other")
+    return "web" if web else "window" if view else None
 
 
 def _need_inline(jobs: int | None, *, inline: bool) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from formation.record import Outcome, Sink
 from lab import inline as one_process
-from lab.launch import HERE, Launch, Place
+from lab.launch import HERE, Begun, Launch, Place
 from lab.recording import Recording
 
 
@@ -17,11 +17,13 @@ def execute(
     *,
     inline: bool,
     place: Place = HERE,
+    begun: Begun = lambda *_: None,
 ) -> Outcome:
     """Run ``recording.scenario``, records going to ``sink``; ``stopped`` ends it early.
 
     ``sink`` passes them on to ``recording``. ``refresh`` is called now and then. The logs of a
-    distributed run's processes are put into the recording's folder; ``place`` says where they are.
+    distributed run's processes are put into the recording's folder; ``place`` says where they are,
+    and ``begun`` is told where they meet before the robots are started.
 
     Raises:
         HostUnreachable: a robot's host cannot be reached.
@@ -29,7 +31,9 @@ def execute(
     scenario, folder = recording.scenario, recording.folder
     name = f"{scenario.name}-{secrets.token_hex(6)}"  # unique on the bus
     if not inline:
-        launch = Launch(folder / "scenario.toml", scenario, name, sink, folder / "logs", place)
+        launch = Launch(
+            folder / "scenario.toml", scenario, name, sink, folder / "logs", place, begun
+        )
         return launch.wait(stopped, refresh)
 
     def asked() -> bool:

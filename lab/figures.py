@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from formation.scenario import Expect, Scenario
 from lab import link_figures
-from lab.canvas import COLOURS, blank
+from lab.canvas import COLOURS, around, blank
 from lab.lyapunov import Curve, equation, rises
 from lab.lyapunov import curve as lyapunov_curve
 from lab.recording import Recording, Trajectories
@@ -55,7 +55,7 @@ def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
         whole.plot(*xy[-1], "o", color=colour, ms=5)
     whole.set_title("paths  (○ start, ● end)")
     whole.legend(loc="best", fontsize=8)
-    order = _around(offsets)
+    order = around(offsets)
     _polygon(end, offsets[order], 6.0, "0.82", "desired pattern")
     final = _finite(positions.reshape(len(positions), -1))[-1].reshape(-1, 2)
     _polygon(end, final[order], 1.2, "0.15", "final positions")
@@ -205,13 +205,6 @@ def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """The leading rows that are finite; at least the first (a run starts finite)."""
     bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     return rows[: bad[0]] if len(bad) and bad[0] > 0 else rows[: max(1, len(rows))]
-
-
-def _around(points: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Indices that go once around the points' mean, and back to the first."""
-    centred = points - points.mean(axis=0)
-    order = np.argsort(np.arctan2(centred[:, 1], centred[:, 0]))
-    return np.append(order, order[:1])
 
 
 def _polygon(

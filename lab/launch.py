@@ -90,6 +90,8 @@ class Place:
         return found + (["--plaintext"] if self.plaintext else [])
 
 
+Begun = Callable[[str, str], None]
+"""Is told a run's endpoint and its name on the bus, before its robots are started."""
 HERE = Place()
 """All on this machine, on loopback."""
 
@@ -98,15 +100,16 @@ class Launch:
     """The processes of one run; the plant's records go to ``sink`` on a thread of its own.
 
     ``scenario_file`` is what the plant reads, ``name`` the run's id on the bus,
-    ``logs`` where each child's standard error goes. ``endpoint`` is where the plant listens.
+    ``logs`` where each child's standard error goes. ``endpoint`` is where the plant listens;
+    ``begun`` is told before the robots are started.
 
     Raises:
-        Exception: what ``place.elsewhere`` raised; nothing is left running then.
+        Exception: what ``place.elsewhere`` or ``begun`` raised; nothing is left running then.
     """
 
     def __init__(
         self, scenario_file: Path, scenario: Scenario, name: str, sink: Sink, logs: Path,
-        place: Place = HERE,
+        place: Place = HERE, begun: Begun = lambda *_: None,
     ) -> None:  # fmt: skip
         self._place = place
         self._sink = sink
@@ -143,6 +146,7 @@ class Launch:
             self._log_reader.start()
         self.robots: dict[int, Child] = {}
         try:
+            begun(endpoint, name)
             for robot in scenario.ids:
                 self.robots[robot] = self._spawn_robot(robot)
         except Exception:

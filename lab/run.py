@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
 from formation.theory import assess
-from lab import verdict
+from lab import live, lyapunov, verdict
 from lab.execution import execute
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.recording import Recording, RunExists
+from lab.rrd import RunFile
 from lab.signals import stop_signals
+from lab.watcher import Watcher
 from netem.problems import Problem
 
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
@@ -37,9 +40,12 @@ CLAIM_TITLES = {
 
 def run_scenario(
     path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool,
-    where: Where = HERE,
+    where: Where = HERE, view: str | None = None,
 ) -> int:  # fmt: skip
-    """Run a scenario file into a run folder; returns the exit code of ``formnet run``."""
+    """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
+
+    ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``.
+    """
     console = Console(stderr=True)
     try:
         scenario = load_checked(path, overrides)
@@ -67,20 +73,35 @@ def run_scenario(
         console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
     mode = "inline" if inline else "distributed"
-    with stop_signals() as stopped:
+    with stop_signals() as stopped, ExitStack() as stack:
+        scene = RunFile(folder, scenario)
         with (
-            _Watch(console, recording) as watch,
+            _Watch(console, recording, scene) as watch,
             where.place(hosts, watch.take, recording.now_ns) as place,
+            ExitStack() as meanwhile,
         ):
+            watcher = None
+            if view is not None:
+                watcher = Watcher(view, folder, where, watch.say)
+                stack.callback(watcher.close)
+
+            def begun(endpoint: str, run: str) -> None:
+                meanwhile.enter_context(live.noted(folder, endpoint, run))
+                if watcher is not None:
+                    watcher.join(endpoint, run)
+
             try:
                 outcome = execute(
                     recording, watch.take, stopped.is_set, watch.refresh, inline=inline,
-                    place=place,
+                    place=place, begun=begun,
                 )  # fmt: skip
             except HostUnreachable as error:
                 outcome = Outcome("broken", 0, None, str(error))
                 watch.take(outcome)
-        return _conclude(console, recording, outcome, watch.wall_s, mode)
+        code = _conclude(console, recording, scene, outcome, watch.wall_s, mode)
+        if watcher is not None:
+            watcher.stay(stopped.is_set)
+        return code
 
 
 def load_checked(path: Path, overrides: tuple[str, ...]) -> Scenario:
@@ -103,10 +124,12 @@ def report_problems(console: Console, error: ScenarioError) -> None:
 
 
 def _conclude(
-    console: Console, recording: Recording, outcome: Outcome, wall_s: float, mode: str
-) -> int:
+    console: Console, recording: Recording, scene: RunFile, outcome: Outcome, wall_s: float,
+    mode: str,
+) -> int:  # fmt: skip
     """Save, judge, draw and print; returns the exit code."""
     recording.save()
+    scene.close(lyapunov.curve(recording))
     judged = verdict.of(recording, mode=mode, wall_s=wall_s)
     verdict.save(judged, recording.folder)
     if outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
@@ -219,9 +242,10 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
 class _Watch:
     """Shows a run while it goes on: progress, current errors, and events as they come."""
 
-    def __init__(self, console: Console, recording: Recording) -> None:
+    def __init__(self, console: Console, recording: Recording, scene: RunFile) -> None:
         self._console = console
         self._recording = recording
+        self._scene = scene
         self._lock = threading.RLock()
         self._started: float | None = None
         self._ended: float | None = None
@@ -251,8 +275,13 @@ class _Watch:
         with self._lock:
             self._take(record)
 
+    def say(self, text: str) -> None:
+        """Say something to the user."""
+        self._console.print(escape(text), soft_wrap=True)
+
     def _take(self, record: Record) -> None:
         self._recording(record)
+        self._scene.take(record)
         if isinstance(record, Event):
             if record.kind == "started":
                 self._started = time.monotonic()
@@ -273,6 +302,7 @@ class _Watch:
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""
+        self._scene.refresh()
         if time.monotonic() - self._drawn >= 0.1:
             self._draw()
 

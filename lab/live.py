@@ -1,0 +1,37 @@
+"""Runs that go on on this machine: where each can be watched stands in its folder meanwhile."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+FILE = "live.json"
+
+
+@contextmanager
+def noted(folder: Path, endpoint: str, run: str) -> Iterator[None]:
+    """Say in a run's folder where it goes on, as long as it does."""
+    file = folder / FILE
+    file.write_text(json.dumps({"endpoint": endpoint, "run": run}) + "\n", encoding="utf-8")
+    try:
+        yield
+    finally:
+        with suppress(FileNotFoundError):
+            file.unlink()
+
+
+def find(folder: Path | None) -> tuple[str, str]:
+    """Endpoint and run of ``folder``; None: of the newest below ``runs``.
+
+    Raises:
+        LookupError: no run goes on there.
+    """
+    candidates = [folder / FILE] if folder is not None else list(Path("runs").glob(f"*/{FILE}"))
+    there = [file for file in candidates if file.is_file()]
+    if not there:
+        where = folder or "runs"
+        raise LookupError(
+            f"{where}: no run goes on there (elsewhere: --connect ENDPOINT, as formnet run says)"
+        )
+    found = json.loads(max(there, key=lambda file: file.stat().st_mtime).read_text("utf-8"))
+    return found["endpoint"], found["run"]

@@ -1,0 +1,204 @@
+"""``formnet monitor``: watch a run that goes on, from anywhere, without being noticed.
+
+It only listens, and takes what it gets: where it is too slow, stopped or gone, the plant drops
+what is for it (:mod:`plant.watch`). It runs at the lowest priority.
+"""
+
+import os
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import msgpack
+import rerun as rr
+import zenoh
+
+from formation import bus
+from formation.loading import loads
+from formation.record import Outcome, Record, Stir, unpack
+from formation.scenario import Scenario
+from formation.security import MONITOR, Credentials
+from lab import lyapunov
+from lab.recording import Collected
+from lab.scene import LINKS_LATE_NS, Scene
+from lab.viewer import Viewer
+
+_DRAW_S = 0.1
+"""How often what came is drawn, at most."""
+_SEARCH_S = 10.0
+_LYAPUNOV_SHARE = 10
+"""V, whose cost grows with the run, is worked out in a tenth of the time at most."""
+_LYAPUNOV_S = 2.0
+
+
+class NoRun(RuntimeError):
+    """There is no such run to watch; the text says where, and what to do."""
+
+
+class Source(NamedTuple):
+    """Where a run goes on: endpoint, run (None: the only one there), and how to get in."""
+
+    endpoint: str
+    run: str | None
+    keys: Path | None
+    plaintext: bool
+
+
+class Feed:
+    """What is recorded of a run from now on, and its scenario; use :func:`feed`."""
+
+    def __init__(self, session: zenoh.Session, run: str) -> None:
+        self.run = run
+        self._keys = bus.Keys(run)
+        self._live: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._gone = threading.Event()
+        self._subscriptions = [
+            session.declare_subscriber(
+                self._keys.watch, lambda sample: self._live.put(sample.payload.to_bytes())
+            ),
+            session.liveliness().declare_subscriber(
+                self._keys.plant_alive, self._on_plant, history=True
+            ),
+        ]
+        self.scenario, self._told = self._ask(session)
+        self._known = set(self._told)  # may come live once more
+
+    def take(self) -> Iterator[Record]:
+        """What came since the last call; first of all, the events before."""
+        waiting, self._told = self._told, []
+        with suppress(queue.Empty):
+            while True:
+                data = self._live.get_nowait()
+                if data not in self._known:
+                    waiting.append(data)
+        for data in waiting:
+            record = unpack(data)
+            if not isinstance(record, Stir):
+                yield record
+
+    @property
+    def over(self) -> bool:
+        """Whether the plant is gone."""
+        return self._gone.is_set()
+
+    def _on_plant(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._gone.set()
+
+    def _ask(self, session: zenoh.Session) -> tuple[Scenario, list[bytes]]:
+        deadline = time.monotonic() + _SEARCH_S
+        while time.monotonic() < deadline:
+            for reply in session.get(self._keys.history, timeout=1.0):
+                if reply.ok is not None:
+                    text, told = msgpack.unpackb(reply.ok.payload.to_bytes())
+                    return loads(text, "the run's scenario"), told
+            time.sleep(_DRAW_S)
+        raise NoRun(f"nobody tells of a run {self.run!r} here: is it over, or an older version?")
+
+
+@contextmanager
+def feed(source: Source) -> Iterator[Feed]:
+    """The feed of a run.
+
+    Raises:
+        BusError: the endpoint cannot be reached, or not in this way.
+        KeysError: the monitor's keys are not there.
+        NoRun: there is no such run, or there are several and none was named.
+    """
+    credentials = None if source.keys is None else Credentials(source.keys, MONITOR)
+    with bus.session(
+        connect=source.endpoint, credentials=credentials, plaintext=source.plaintext,
+        lease_s=bus.LEASE_S,
+    ) as session:  # fmt: skip
+        yield Feed(session, source.run or _only_run(session, source.endpoint))
+
+
+def _only_run(session: zenoh.Session, endpoint: str) -> str:
+    deadline = time.monotonic() + _SEARCH_S
+    while time.monotonic() < deadline:
+        replies = session.liveliness().get(bus.Keys("*").plant_alive, timeout=1.0)
+        found = sorted({str(r.ok.key_expr).split("/")[1] for r in replies if r.ok is not None})
+        if len(found) > 1:
+            raise NoRun(f"{endpoint}: several runs go on here; say which with --run: "
+                        + ", ".join(found))  # fmt: skip
+        if found:
+            return found[0]
+        time.sleep(_DRAW_S)
+    raise NoRun(f"{endpoint}: no run goes on here")
+
+
+class Monitor:
+    """Draws a feed into a viewer, a file, or both."""
+
+    def __init__(self, source: Feed, *, url: str | None, file: Path | None) -> None:
+        self._feed = source
+        self._collected = Collected(source.scenario)
+        self._stream = rr.RecordingStream("formnet", recording_id=source.run)
+        sinks = [rr.GrpcSink(url)] if url is not None else []
+        self._stream.set_sinks(*sinks, *([rr.FileSink(str(file))] if file is not None else []))
+        self._scene = Scene(source.scenario, self._stream)
+        self._lyapunov_ns, self._lyapunov_at = -1, time.monotonic() + _LYAPUNOV_S
+
+    def run(self, stopped: threading.Event) -> bool:
+        """Draw until the run has ended (True), its plant is gone, or ``stopped`` is set."""
+        while True:
+            gone = self._feed.over  # before what it said last is taken
+            self._draw()
+            if self._collected.outcome is not None or gone or stopped.is_set():
+                break
+            stopped.wait(_DRAW_S)
+        self._scene.flush(last=True)
+        self._draw_lyapunov(last=True)
+        self._stream.flush()
+        return isinstance(self._collected.outcome, Outcome)
+
+    def _draw(self) -> None:
+        for record in self._feed.take():
+            self._collected(record)
+            self._scene.take(record, time.time_ns())
+        self._scene.flush()
+        if time.monotonic() >= self._lyapunov_at:
+            begun = time.monotonic()
+            self._draw_lyapunov()
+            spent_s = time.monotonic() - begun
+            self._lyapunov_at = begun + max(_LYAPUNOV_S, _LYAPUNOV_SHARE * spent_s)
+
+    def _draw_lyapunov(self, *, last: bool = False) -> None:
+        """V, where it is new and what was heard until then is known."""
+        found = lyapunov.curve(self._collected)
+        if found is None:
+            return
+        known_s = self._collected.now_ns() / 1e9 - (0.0 if last else LINKS_LATE_NS / 1e9)
+        new = (found.t_s > self._lyapunov_ns / 1e9) & (found.t_s <= known_s)
+        if new.any():
+            self._scene.lyapunov(found.t_s[new], found.v[new])
+            self._lyapunov_ns = round(found.t_s[new][-1] * 1e9)
+
+
+def watch(source: Source, *, view: str | None, file: Path | None, stopped: threading.Event) -> int:
+    """Watch a run until it ends; a page is served on until ``stopped``. Returns the exit code.
+
+    ``view`` is ``"web"``, ``"window"`` or None; ``file`` is where what is seen is kept.
+    A line ``watching ...`` on standard output says that all from there on is seen.
+
+    Raises:
+        BusError, KeysError, NoRun, ViewerFailed: it cannot be watched.
+    """
+    os.nice(19)
+    with ExitStack() as stack:
+        from_run = stack.enter_context(feed(source))
+        viewer = None if view is None else Viewer(web=view == "web")
+        if viewer is not None and viewer.page is not None:
+            stack.callback(viewer.close)
+        monitor = Monitor(from_run, url=None if viewer is None else viewer.url, file=file)
+        page = viewer.page if viewer is not None else None
+        print(f"watching {from_run.run}" + (f" at {page}" if page else ""), flush=True)
+        complete = monitor.run(stopped)
+        if page is not None and not stopped.is_set():
+            print("the run is over; the page stays until Ctrl-C", flush=True)
+            stopped.wait()
+    return 0 if complete or stopped.is_set() else 1

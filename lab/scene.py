@@ -1,0 +1,461 @@
+"""A run as a scene in Rerun: the field, errors and V, links, events.
+
+The same scene goes to ``run.rrd`` and to a live viewer. Records come in (:meth:`Scene.take`),
+frames go out in columns (:meth:`Scene.flush`); nothing here knows where they end up. Two
+timelines: ``sim_time``, the run's, and ``wall_time``, when the records came.
+
+Rerun's two-dimensional views have y downwards: the field is drawn with -y. Positions are its
+32-bit floats.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from formation.geometry import errors, fitted_rotation, rotated
+from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
+from formation.roster import Roster
+from formation.scenario import Scenario
+from lab.canvas import COLOURS, around
+from netem.link import DELIVERED, DUPLICATED
+from netem.tables import nanoseconds
+from netem.timeline import NEVER, Timeline
+
+MOST_FRAMES = 3000
+"""Instants of a run that are shown, at most; evenly apart, and the last one."""
+MOST_CELLS = 600_000
+"""... and at most so many divided by robots and directed links together."""
+MOST_WINDOWS = 600
+"""Stretches of a run over which a link's delay and loss are averaged, at most."""
+TRAIL_S = 15.0
+LINKS_LATE_NS = 1_200_000_000
+"""What became of messages up to an instant is known so much later, at the latest."""
+_DASHES = 7
+_MOST_NAMED = 10
+_GREY = 0x9A9A9AFF
+_FLOOR = 1e-16
+_MARGIN = 1.25
+
+Array = NDArray[Any]
+
+
+class Scene:
+    """Draws a run of ``scenario`` into ``stream``."""
+
+    def __init__(self, scenario: Scenario, stream: rr.RecordingStream) -> None:
+        self._scenario, self._stream = scenario, stream
+        self._links = scenario.directed_links
+        self._stride = _stride(scenario)
+        self._roster = scenario.roster()
+        self._plan = [(nanoseconds(e.at_s), e.what) for e in scenario.plan if not e.robots]
+        self._instants: list[tuple[int, list[Sample]]] = []  # to be drawn
+        self._newest: tuple[int, list[Sample]] | None = None
+        self._shown_ns = -1
+        self._before: Array | None = None  # where the robots were in the frame before
+        self._anchors: list[tuple[int, int]] = []  # instants, and when they were heard of
+        self._heard = _Heard(scenario)
+        self._to_link: list[tuple[int, Array]] = []  # frames whose links are not known yet
+        self._traffic = _Traffic(scenario, stream)
+        self._begin()
+
+    def take(self, record: Record, wall_ns: int) -> None:
+        """Take in one record, which came at ``wall_ns`` (nanoseconds since 1970)."""
+        if isinstance(record, Samples) and record.rows:
+            self._note_plan(record.rows[-1].t_ns, wall_ns)
+            self._anchors.append((record.rows[-1].t_ns, wall_ns))
+            for t_ns, rows in groupby(record.rows, key=lambda row: row.t_ns):
+                self._newest = (t_ns, list(rows))
+                if t_ns // self._scenario.clock.broadcast_period_ns % self._stride == 0:
+                    self._instants.append(self._newest)
+        elif isinstance(record, LinkRows):
+            for row in record.rows:
+                self._heard.take(row)
+                self._traffic.take(row)
+        elif isinstance(record, Event):
+            if record.kind == "lost":
+                self._roster.lose(record.details["robot"], record.details["tick"])
+            self._say(record.t_ns, wall_ns, record.kind, record.details)
+        elif isinstance(record, Outcome):
+            self._say(record.t_ns, wall_ns, record.kind,
+                      {"robot": record.robot, "reason": record.reason})  # fmt: skip
+
+    @property
+    def pending(self) -> int:
+        """How many frames wait for :meth:`flush`."""
+        return len(self._instants)
+
+    def flush(self, *, last: bool = False) -> None:
+        """Draw what came since the last time; ``last``: nothing more comes."""
+        newest = self._newest
+        if newest is None:
+            return
+        drawn_ns = self._instants[-1][0] if self._instants else self._shown_ns
+        if last and newest[0] > drawn_ns:
+            self._instants.append(newest)
+        if self._instants:
+            self._draw()
+        known_ns = NEVER if last else newest[0] - LINKS_LATE_NS
+        self._draw_links(known_ns)
+        self._traffic.flush(known_ns, self._times)
+
+    def lyapunov(self, t_s: Array, v: Array) -> None:
+        """Draw V (n,) at ``t_s`` (n,), seconds."""
+        keep = np.flatnonzero(np.isfinite(v) & (v > 0.0))[:: self._stride]
+        if len(keep):
+            self._series("lyapunov/v", (t_s[keep] * 1e9).astype(np.int64), np.log10(v[keep]))
+
+    # --- the parts of a frame ----------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """What does not change, and the blueprint."""
+        scenario, stream = self._scenario, self._stream
+        stream.send_blueprint(blueprint(scenario))
+        labels = [str(robot) for robot in scenario.ids]
+        size = _size(scenario)
+        self._size = size
+        stream.log("field/robots", rr.Points2D.from_fields(
+            radii=[0.018 * size], labels=labels, show_labels=len(labels) <= 40,
+        ), static=True)  # fmt: skip
+        stream.log("field/headings", rr.Arrows2D.from_fields(radii=[0.004 * size]), static=True)
+        stream.log("field/pattern", rr.LineStrips2D.from_fields(
+            radii=[0.004 * size], colors=[0xB0B0B080]), static=True)  # fmt: skip
+        stream.log("field/places", rr.Points2D.from_fields(
+            radii=[0.009 * size], colors=[0xB0B0B0C0]), static=True)  # fmt: skip
+        for name, unit in _ERRORS.items():
+            _label(stream, f"errors/{name}", f"log10 {name} ({unit})")
+        _label(stream, "lyapunov/v", "log10 V")
+
+    def _times(self, t_ns: Array) -> list[rr.TimeColumn]:
+        anchors = np.array(self._anchors or [(0, 0)])
+        wall = np.interp(t_ns, anchors[:, 0], anchors[:, 1] - anchors[0, 1])
+        self._anchors = self._anchors[-5000:]
+        return [
+            rr.TimeColumn("sim_time", duration=np.asarray(t_ns) / 1e9),
+            rr.TimeColumn("wall_time", timestamp=(
+                (wall.astype(np.int64) + anchors[0, 1]).astype("datetime64[ns]"))),
+        ]  # fmt: skip
+
+    def _series(self, entity: str, t_ns: Array, values: Array) -> None:
+        self._stream.send_columns(entity, self._times(t_ns), rr.Scalars.columns(scalars=values))
+
+    def _draw(self) -> None:
+        instants, self._instants = self._instants, []
+        t_ns = np.array([t for t, _ in instants])
+        table = np.array([[row[2:5] for row in rows] for _, rows in instants])
+        self._shown_ns = int(t_ns[-1])
+        places, headings = table[..., :2], table[..., 2]
+        drawn = places * [1.0, -1.0]
+        up = self._up(t_ns)
+        colours = np.where(up, _rgba(self._scenario.ids), _GREY).astype(np.uint32)
+        count = len(self._scenario.ids)
+        times, send, sizes = self._times(t_ns), self._stream.send_columns, [count] * len(t_ns)
+        send("field/robots", times, rr.Points2D.columns(
+            positions=drawn.reshape(-1, 2), colors=colours.reshape(-1),
+        ).partition(sizes))  # fmt: skip
+        vectors = np.stack([np.cos(headings), -np.sin(headings)], axis=-1) * 0.05 * self._size
+        send("field/headings", times, rr.Arrows2D.columns(
+            origins=drawn.reshape(-1, 2), vectors=vectors.reshape(-1, 2),
+            colors=colours.reshape(-1)).partition(sizes))  # fmt: skip
+        before = np.concatenate([drawn[:1] if self._before is None else self._before, drawn[:-1]])
+        self._before = drawn[-1:]
+        steps = np.stack([before, drawn], axis=2).reshape(-1, 2, 2)
+        send("field/trails", times, rr.LineStrips2D.columns(
+            strips=steps, colors=colours.reshape(-1)).partition(sizes))  # fmt: skip
+        self._draw_errors(t_ns, places, headings, up)
+        self._to_link += zip(t_ns.tolist(), drawn, strict=True)
+
+    def _up(self, t_ns: Array) -> NDArray[np.bool_]:
+        """Who is up at each instant, (n, robots)."""
+        ticks = t_ns // self._scenario.clock.control_period_ns
+        up = np.ones((len(ticks), len(self._scenario.ids)), dtype=bool)
+        for column, robot in enumerate(self._scenario.ids):
+            for begin, end in _spans(self._roster, robot, int(ticks[0]), int(ticks[-1])):
+                up[(ticks >= begin) & (ticks < end), column] = False
+        return up
+
+    def _draw_errors(
+        self, t_ns: Array, places: Array, headings: Array, up: NDArray[np.bool_]
+    ) -> None:
+        """The errors of those who are up, and the pattern at their place."""
+        offsets = self._scenario.offsets_m
+        found = np.full((len(t_ns), 3), np.nan)
+        pattern = np.full((len(t_ns), len(offsets), 2), np.nan)
+        for who in np.unique(up, axis=0):
+            rows = (up == who).all(axis=1) & np.isfinite(places).all(axis=(1, 2))
+            if not who.any() or not rows.any():
+                continue
+            here, its = places[rows][:, who], offsets[who]
+            with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
+                found[rows] = np.stack(errors(here, headings[rows][:, who], its), axis=-1)
+                turned = rotated(offsets - its.mean(axis=0), fitted_rotation(here, its))
+                pattern[rows] = turned + here.mean(axis=1, keepdims=True)
+        for name, column in zip(_ERRORS, found.T, strict=True):
+            known = np.isfinite(column)
+            if known.any():
+                logs = np.log10(np.maximum(column[known], _FLOOR))
+                self._series(f"errors/{name}", t_ns[known], logs)
+        known = np.isfinite(pattern).all(axis=(1, 2))
+        if known.any():
+            outline = (pattern * [1.0, -1.0])[known]
+            times, send = self._times(t_ns[known]), self._stream.send_columns
+            send("field/pattern", times,
+                 rr.LineStrips2D.columns(strips=outline[:, around(offsets)]))  # fmt: skip
+            send("field/places", times, rr.Points2D.columns(
+                positions=outline.reshape(-1, 2),
+            ).partition([len(offsets)] * len(outline)))  # fmt: skip
+
+    def _draw_links(self, known_ns: int) -> None:
+        """The links of frames up to ``known_ns``."""
+        ready = [frame for frame in self._to_link if frame[0] <= known_ns]
+        self._to_link = self._to_link[len(ready) :]
+        if not ready or not self._links:
+            return
+        t_ns = np.array([t for t, _ in ready])
+        column = {robot: k for k, robot in enumerate(self._scenario.ids)}
+        ends = np.array([(column[a], column[b]) for a, b in self._links])
+        lines = _beside(np.array([places for _, places in ready])[:, ends], 0.006 * self._size)
+        colours, cut = self._heard.at(t_ns)
+        parts = np.where(cut, _DASHES, 1)  # (frames, links)
+        strips = _dashed(lines.reshape(-1, 2, 2), parts.reshape(-1))
+        self._stream.send_columns("field/links", self._times(t_ns), rr.LineStrips2D.columns(
+            strips=strips, colors=np.repeat(colours.reshape(-1), parts.reshape(-1))
+        ).partition(parts.sum(axis=1)))  # fmt: skip
+
+    def _note_plan(self, now_ns: int, wall_ns: int) -> None:
+        while self._plan and self._plan[0][0] <= now_ns:
+            t_ns, what = self._plan.pop(0)
+            self._say(t_ns, wall_ns, "network", {"what": what})
+
+    def _say(self, t_ns: int, wall_ns: int, kind: str, details: dict[str, Any]) -> None:
+        words = " ".join(
+            f"{name} {value}" for name, value in details.items() if value not in ("", None)
+        )
+        stream = self._stream
+        stream.set_time("sim_time", duration=t_ns / 1e9)
+        stream.set_time("wall_time", timestamp=np.datetime64(wall_ns, "ns"))
+        stream.log("events", rr.TextLog(f"{kind}: {words}" if words else kind,
+                                        level=_LEVELS.get(kind, "INFO")))  # fmt: skip
+
+
+_ERRORS = {"formation": "m", "heading": "rad", "centroid": "m"}
+_LEVELS = {
+    "kill": "WARN", "pause": "WARN", "waiting": "WARN", "rejected": "WARN", "refused": "WARN",
+    "lost": "ERROR", "host lost": "ERROR", "diverged": "ERROR", "failed": "ERROR",
+    "broken": "ERROR", "interrupted": "WARN", "silent at the end": "WARN",
+}  # fmt: skip
+
+
+class _Heard:
+    """Per link: the stamp of the newest message that could be used, and whether it is cut."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._links = scenario.directed_links
+        self._ahead: dict[tuple[int, int], list[tuple[int, int]]] = {k: [] for k in self._links}
+        self._newest = dict.fromkeys(self._links, -1)
+        self._cuts = {link: _cuts(scenario.timeline_of(*link)) for link in self._links}
+        self._stale_ns = nanoseconds(scenario.neighbours.silence_s)
+
+    def take(self, row: LinkRow) -> None:
+        """Take in what became of one message."""
+        if row.t_usable_ns is not None and row.fate in (DELIVERED, DUPLICATED):
+            self._ahead[row.source, row.destination].append((row.t_usable_ns, row.t_sent_ns))
+
+    def at(self, t_ns: Array) -> tuple[Array, Array]:
+        """Every link's colour and whether it is cut, (instants, links); instants ascend."""
+        colours = np.empty((len(t_ns), len(self._links)), dtype=np.uint32)
+        cut = np.empty(colours.shape, dtype=bool)
+        for k, link in enumerate(self._links):
+            ahead = sorted(self._ahead[link])
+            usable, sent = np.array([(-1, self._newest[link]), *ahead]).T
+            newest = np.maximum.accumulate(sent)
+            place = np.searchsorted(usable, t_ns, side="right") - 1
+            self._newest[link] = int(newest[place[-1]])
+            self._ahead[link] = ahead[place[-1] :]
+            age = (t_ns - newest[place]) / self._stale_ns
+            colours[:, k] = np.where(newest[place] < 0, _GREY, _by_age(age))
+            at_ns, state = self._cuts[link]
+            cut[:, k] = state[np.searchsorted(at_ns, t_ns, side="right") - 1]
+        return colours, cut
+
+
+def _cuts(timeline: Timeline) -> tuple[Array, Array]:
+    """When a link changes, and whether it is cut from then on."""
+    found = [(-1, False)]
+    while timeline.next_ns < NEVER:
+        at_ns = timeline.next_ns
+        timeline.advance(at_ns)
+        found.append((at_ns, timeline.is_cut))
+    at, state = zip(*found, strict=True)
+    return np.array(at), np.array(state)
+
+
+class _Traffic:
+    """Mean delay and share of losses of every link, by stretches of the run."""
+
+    def __init__(self, scenario: Scenario, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._links = scenario.directed_links
+        shortest = 10 * scenario.clock.broadcast_period_ns
+        windows = max(10, min(MOST_WINDOWS, MOST_CELLS // (4 * len(self._links) or 1)))
+        self._window_ns = max(shortest, nanoseconds(scenario.duration_s) // windows)
+        self._rows: dict[tuple[int, int], list[LinkRow]] = {link: [] for link in self._links}
+        for source, destination in self._links:
+            for what in ("delay", "loss"):
+                _label(stream, f"links/{what}/{source}-{destination}", f"{source}→{destination}")
+
+    def take(self, row: LinkRow) -> None:
+        """Take in what became of one message."""
+        self._rows[row.source, row.destination].append(row)
+
+    def flush(self, known_ns: int, times: Any) -> None:
+        """Draw the stretches that ended up to ``known_ns``."""
+        for link, rows in self._rows.items():
+            late_ns = known_ns - self._window_ns  # delays come on top
+            ready = [
+                row for row in rows if row.t_sent_ns < late_ns // self._window_ns * self._window_ns
+            ]
+            if not ready:
+                continue
+            self._rows[link] = [
+                row for row in rows if row.t_sent_ns >= late_ns // self._window_ns * self._window_ns
+            ]
+            self._draw(link, ready, times)
+
+    def _draw(self, link: tuple[int, int], rows: Sequence[LinkRow], times: Any) -> None:
+        window = np.array([_decided_ns(row) for row in rows]) // self._window_ns
+        lost = np.array([row.fate.startswith("lost") for row in rows])
+        delay_ms = np.array([
+            np.nan if row.t_usable_ns is None or row.fate.startswith("lost")
+            else (row.t_usable_ns - row.t_sent_ns) / 1e6 for row in rows
+        ])  # fmt: skip
+        found, index = np.unique(window, return_inverse=True)
+        ends = (found + 1) * self._window_ns
+        share = np.bincount(index, weights=lost) / np.bincount(index)
+        arrived = np.isfinite(delay_ms)
+        number = np.bincount(index[arrived], minlength=len(found))
+        total = np.bincount(index[arrived], weights=delay_ms[arrived], minlength=len(found))
+        some = number > 0
+        name = f"{link[0]}-{link[1]}"
+        if some.any():
+            mean = total[some] / number[some]
+            self._stream.send_columns(
+                f"links/delay/{name}", times(ends[some]), rr.Scalars.columns(scalars=mean)
+            )
+        self._stream.send_columns(
+            f"links/loss/{name}", times(ends), rr.Scalars.columns(scalars=100.0 * share)
+        )
+
+
+def blueprint(scenario: Scenario, *, speed: float | None = None) -> rrb.Blueprint:
+    """How the scene is laid out; ``speed``: play it so many times as fast as it was."""
+    legend = rrb.PlotLegend(visible=len(scenario.directed_links) <= _MOST_NAMED)
+    centre, half = _frame(scenario)
+    trail = rrb.VisibleTimeRange(
+        "sim_time", start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )  # fmt: skip
+    field = rrb.Spatial2DView(
+        origin="field", name="field (m; colour of a link: age of what was heard)",
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[centre[0] - half, centre[0] + half],
+            y_range=[-centre[1] - half, -centre[1] + half],
+        ),
+        overrides={"field/trails": rrb.VisibleTimeRanges(trail)},
+    )  # fmt: skip
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                field, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1]
+            ),
+            rrb.Vertical(
+                rrb.TimeSeriesView(origin="errors", name="errors (Eqs. 3-5), powers of ten"),
+                rrb.TimeSeriesView(origin="lyapunov", name="V, powers of ten"),
+                rrb.TimeSeriesView(origin="links/delay", name="delay (ms)", plot_legend=legend),
+                rrb.TimeSeriesView(origin="links/loss", name="lost (%)", plot_legend=legend),
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline="sim_time", state="collapsed", playback_speed=speed,
+                      play_state=None if speed is None else "playing"),
+        rrb.BlueprintPanel(state="hidden"), rrb.SelectionPanel(state="hidden"),
+        auto_layout=False, auto_views=False,
+    )  # fmt: skip
+
+
+def _decided_ns(row: LinkRow) -> int:
+    """When it was decided what became of a message, as far as is known."""
+    return row.t_sent_ns if row.t_usable_ns is None else row.t_usable_ns
+
+
+def _label(stream: rr.RecordingStream, entity: str, name: str) -> None:
+    stream.log(entity, rr.SeriesLines(names=[name]), static=True)
+
+
+def _stride(scenario: Scenario) -> int:
+    """Of how many instants one is shown."""
+    cells = len(scenario.ids) + len(scenario.directed_links)
+    frames = max(100, min(MOST_FRAMES, MOST_CELLS // cells))
+    instants = nanoseconds(scenario.duration_s) // scenario.clock.broadcast_period_ns + 1
+    return -(-instants // frames)
+
+
+def _frame(scenario: Scenario) -> tuple[Array, float]:
+    """Centre and half the width of what is in sight at first."""
+    starts = np.array([(robot.start.x_m, robot.start.y_m) for robot in scenario.robots])
+    points = np.concatenate([starts, scenario.offsets_m])
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (low + high) / 2, max(0.5 * _MARGIN * float((high - low).max()), 0.5)
+
+
+def _size(scenario: Scenario) -> float:
+    """The length (m) by which things are drawn."""
+    return 2.0 * _frame(scenario)[1]
+
+
+def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[int, int]]:
+    """The spans of ticks in which a robot is down, of those that touch ``first`` to ``last``."""
+    tick = first
+    while tick <= last:
+        span = roster.span(robot, tick)
+        if span is None:
+            tick = roster.next_down(robot, tick)
+        else:
+            yield span.begin, span.end
+            tick = span.end
+
+
+def _rgba(robots: Sequence[int]) -> Array:
+    return np.array([
+        int(COLOURS[k % len(COLOURS)][1:], 16) << 8 | 0xFF for k in range(len(robots))
+    ])  # fmt: skip
+
+
+def _by_age(share: Array) -> Array:
+    """Green for what was just said, red for what is as old as a silence."""
+    x = np.clip(share, 0.0, 1.0)
+    red = np.round(255 * np.minimum(1.0, 2 * x)).astype(np.int64)
+    green = np.round(190 * np.minimum(1.0, 2 - 2 * x)).astype(np.int64)
+    return red << 24 | green << 16 | 0x30 << 8 | 0xFF  # type: ignore[no-any-return]
+
+
+def _beside(lines: Array, gap: float) -> Array:
+    """Lines (..., 2, 2) moved to the side, so that the two directions of a link are two."""
+    along = lines[..., 1, :] - lines[..., 0, :]
+    length = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    side = np.stack([-along[..., 1], along[..., 0]], axis=-1) / length
+    return lines + gap * side[..., None, :]  # type: ignore[no-any-return]
+
+
+def _dashed(lines: Array, parts: Array) -> Array:
+    """Lines (n, 2, 2), each as so many dashes: (sum of parts, 2, 2)."""
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    of = np.repeat(parts, parts)
+    begin = 2 * number / (2 * of - 1)
+    ends = np.stack([begin, begin + 1 / (2 * of - 1)], axis=-1)[..., None]
+    line = np.repeat(lines, parts, axis=0)
+    return line[:, :1] + ends * (line[:, 1:] - line[:, :1])  # type: ignore[no-any-return]
