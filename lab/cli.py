@@ -15,6 +15,9 @@ from lab.build import stale
 
 _EXTRA = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
 SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+RUNS = click.argument(
+    "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
+)
 INLINE_RUNS = click.option(
     "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
 )
@@ -128,9 +131,7 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 
 
 @main.command()
-@click.argument(
-    "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
-)
+@RUNS
 @click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
 def verify(folders: tuple[Path, ...], distributed: bool) -> None:
     """Run recorded runs again; compare every bit.
@@ -141,6 +142,25 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
     from lab.verify import verify_runs
 
     sys.exit(verify_runs(folders, inline=not distributed))
+
+
+@main.command()
+@RUNS
+def report(folders: tuple[Path, ...]) -> None:
+    """Make report.html of runs again, from their folders alone."""
+    from lab.report import report_runs
+
+    sys.exit(report_runs(folders))
+
+
+@main.command("list")
+@click.argument("folder", metavar="[DIR]", default=Path("runs"), type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="For other programs.")
+def list_(folder: Path, as_json: bool) -> None:
+    """List the runs in DIR (runs/), newest first."""
+    from lab.runs import list_runs
+
+    sys.exit(list_runs(folder, as_json=as_json))
 
 
 @main.command()
