@@ -18,6 +18,7 @@ SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="
 RUNS = click.argument(
     "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
 )
+FOLDER = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 INLINE_RUNS = click.option(
     "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
 )
@@ -151,6 +152,60 @@ def report(folders: tuple[Path, ...]) -> None:
     from lab.report import report_runs
 
     sys.exit(report_runs(folders))
+
+
+@main.command()
+@FOLDER
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="New folder  [default: figures/ of the run]",
+)
+def plot(folder: Path, out: Path | None) -> None:
+    """Draw the figures of a run again, from its folder."""
+    from lab.plot import plot_run
+
+    sys.exit(plot_run(folder, out))
+
+
+@main.command()
+@RUNS
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write comparison.md, .csv and a figure into a new folder.",
+)
+def compare(folders: tuple[Path, ...], out: Path | None) -> None:
+    """Put runs side by side: verdicts, errors, and what differs in their scenarios.
+
+    Exit code 0; 1 if two runs of one scenario in virtual time differ in a bit; 2: bad usage.
+    """
+    if len(folders) < 2:
+        raise click.UsageError("compare needs two runs or more")
+    from lab.compare import compare_runs
+
+    sys.exit(compare_runs(folders, out))
+
+
+@main.command()
+@FOLDER
+@click.option("--format", "kind", type=click.Choice(["mcap", "csv"]), required=True)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE|DIR",
+    help="New file (mcap) or folder (csv)  [default: run.mcap or csv/ in the run's folder]",
+)
+def export(folder: Path, kind: str, out: Path | None) -> None:
+    """Write a run for other programs: MCAP (Foxglove) or CSV (spreadsheets).
+
+    What is there is never overwritten.
+    """
+    from lab.export import export_run
+
+    sys.exit(export_run(folder, kind, out))
 
 
 @main.command("list")

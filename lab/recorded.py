@@ -14,6 +14,13 @@ _OUTCOMES = {"completed", "diverged", "interrupted", "lost", "failed", "broken"}
 _END = {"robot", "reason"}
 """What an outcome's line tells; a robot's loss is an event that tells its tick, too."""
 
+_NEEDED = {
+    "scenario", "mode", "outcome", "robots", "claims", "settling_time_s", "trajectory_sha256",
+    "messages", "simulated_s", "wall_s", "formation_error_m", "heading_error_rad",
+    "centroid_error_m",
+}  # fmt: skip
+"""What every verdict has that is used here."""
+
 
 class Unreadable(ValueError):
     """A folder that holds no run, or not enough of one; the text says what is wrong with it."""
@@ -81,8 +88,11 @@ def read_verdict(folder: Path) -> dict[str, Any]:
     """
     try:
         judged = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
-        judged["trajectory_sha256"], judged["outcome"]["t_s"], judged["robots"]["lost"]
-        judged["claims"].items()
+        if missing := sorted(_NEEDED - judged.keys()):
+            raise KeyError(*missing)
+        judged["outcome"]["kind"], judged["outcome"]["t_s"], judged["robots"]["lost"]
+        for claim in judged["claims"].values():
+            claim["expected"], claim["holds"], claim["largest_in_window"]
     except FileNotFoundError:
         raise Unreadable("has no verdict.json") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

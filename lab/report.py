@@ -5,6 +5,7 @@ stands in a scenario or an event is text from elsewhere and is escaped (Jinja's 
 """
 
 import base64
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -90,7 +91,10 @@ def leave(folder: Path) -> str | None:
     except (Unreadable, ScenarioError, OSError) as error:
         return f"report.html: {error}"
     parent = folder.resolve().parent
-    return write_index(parent, runs.look_into(parent)[0]) if parent.name == "runs" else None
+    try:
+        return write_index(parent, runs.look_into(parent)[0]) if _in_runs(folder) else None
+    except OSError as error:  # a run that was deleted meanwhile
+        return f"index.html: {error}"
 
 
 def write_report(folder: Path, *, draw_missing: bool = False) -> Path:
@@ -135,15 +139,15 @@ def page(run: Recorded) -> str:
     standing = runs.standing(judged, run.outcome, running=run.running)
     moments = list(_moments(run))
     hidden = max(0, len(moments) - FIRST_EVENTS - LAST_EVENTS)
+    cut = FIRST_EVENTS if hidden else len(moments)
     pictures = list(_pictures(run))
-    began = run.walls[0] if run.walls else None
     return _environment().get_template("report.html.j2").render(
         run=run, scenario=scenario, judged=judged, standing=standing, is_bad=standing in runs.BAD,
-        headline=_headline(run, standing), notes=list(_notes(run)), began=began,
-        titles=CLAIM_TITLES, first=moments[: len(moments) - LAST_EVENTS] if not hidden
-        else moments[:FIRST_EVENTS], hidden=hidden, last=moments[-LAST_EVENTS:],
-        pictures=pictures, in_runs=run.folder.resolve().parent.name == "runs",
-        sections=_sections(run, [item.name for item in pictures]), lost_share=_lost_share(judged), most_links=MOST_LINKS,
+        headline=_headline(run, standing), notes=list(_notes(run)), titles=CLAIM_TITLES,
+        began=run.walls[0] if run.walls else None, in_runs=_in_runs(run.folder),
+        sections=_sections(run, [item.name for item in pictures]), pictures=pictures,
+        first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
+        lost_share=_lost_share(judged), most_links=MOST_LINKS,
         theory=[line.strip() for line in describe(assess(scenario))],
         changed=_changed(run), robots=_robots(run), toml=dumps(scenario), shown=shown,
         plan=scenario.plan[:FIRST_EVENTS], more_planned=max(0, len(scenario.plan) - FIRST_EVENTS),
@@ -229,8 +233,10 @@ def _failing(judged: Mapping[str, Any]) -> Iterator[str]:
         elif claim["largest_in_window"] is None:
             yield f"{title} does not hold"
         else:
-            yield (f"{title} does not hold: {claim['largest_in_window']:.2g} {unit} in the last "
-                   f"{judged['window_s']:g} s, tolerance {claim['tolerance']:g} {unit}")  # fmt: skip
+            largest, tolerance = claim["largest_in_window"], claim["tolerance"]
+            when = "" if name == "lyapunov" else f" in the last {judged['window_s']:g} s"
+            yield (f"{title} does not hold: {largest:.2g} {unit}{when}, "
+                   f"tolerance {tolerance:g} {unit}")  # fmt: skip
 
 
 def _notes(run: Recorded) -> Iterator[str]:
@@ -365,6 +371,11 @@ def _robots(run: Recorded) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+def _in_runs(folder: Path) -> bool:
+    """Whether a run lies where an index is kept."""
+    return folder.resolve().parent.name == "runs"
+
+
 def _there(folder: Path, name: str) -> str | None:
     """A file in a run's folder, relative to the index, if it is there."""
     return f"{folder.name}/{name}" if (folder / name).is_file() else None
@@ -372,6 +383,6 @@ def _there(folder: Path, name: str) -> str | None:
 
 def _replace(file: Path, text: str) -> None:
     """Put ``text`` into ``file`` in one step: nobody ever reads half a page."""
-    part = file.with_name(f".{file.name}.part")
+    part = file.with_name(f".{file.name}.{os.getpid()}")
     part.write_text(text, encoding="utf-8")
     part.replace(file)

@@ -82,13 +82,12 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
 def look_into(folder: Path) -> tuple[list[Entry], list[str]]:
     """What runs and results lie in ``folder``, newest first, and the names of other folders."""
     entries, others = [], []
-    for place in sorted(folder.iterdir()):
-        if place.is_dir():
-            entry = look_at(place)
-            if entry is None:
-                others.append(place.name)
-            else:
-                entries.append(entry)
+    for place in sorted(place for place in folder.iterdir() if place.is_dir()):
+        entry = look_at(place)
+        if entry is None:
+            others.append(place.name)
+        else:
+            entries.append(entry)
     return sorted(entries, key=lambda entry: entry.when, reverse=True), others
 
 
@@ -127,23 +126,20 @@ def _run(folder: Path) -> Entry:
     running, when = being_written(folder), _began(folder)
     try:
         judged = read_verdict(folder)
-        claims = {
-            name: claim["holds"] for name, claim in judged["claims"].items()
-            if claim["expected"] is not None
-        }  # fmt: skip
-        return Entry(
-            folder, "run", str(judged["scenario"]), when, standing(judged, None, running=running),
-            claims, judged["settling_time_s"], judged["outcome"]["t_s"], str(judged["mode"]),
-            str(judged["trajectory_sha256"]),
-        )  # fmt: skip
     except Unreadable as error:
         missing = not (folder / "verdict.json").exists()
         how = standing(None, None, running=running) if missing else "unreadable"
         return Entry(folder, "run" if missing else "broken", folder.name, when, how, {},
                      note="" if running else str(error))  # fmt: skip
-    except (KeyError, TypeError, AttributeError) as error:
-        note = f"verdict.json is of another version: {error!r}"
-        return Entry(folder, "broken", folder.name, when, "unreadable", {}, note=note)
+    claims = {
+        name: claim["holds"] for name, claim in judged["claims"].items()
+        if claim["expected"] is not None
+    }  # fmt: skip
+    return Entry(
+        folder, "run", str(judged["scenario"]), when, standing(judged, None, running=running),
+        claims, judged["settling_time_s"], judged["outcome"]["t_s"], str(judged["mode"]),
+        str(judged["trajectory_sha256"]),
+    )  # fmt: skip
 
 
 def _claims(folder: Path, found: Any, when: str) -> Entry:
