@@ -91,6 +91,7 @@ def read_verdict(folder: Path) -> dict[str, Any]:
         if missing := sorted(_NEEDED - judged.keys()):
             raise KeyError(*missing)
         judged["outcome"]["kind"], judged["outcome"]["t_s"], judged["robots"]["lost"]
+        judged["messages"]["sent"], judged["messages"]["fates"].items()
         for claim in judged["claims"].values():
             claim["expected"], claim["holds"], claim["largest_in_window"]
     except FileNotFoundError:

@@ -281,7 +281,9 @@ def _moments(run: Recorded) -> Iterator[Moment]:
     found = [_moment(event) for event in run.events if event.kind != "timing"]
     settled = None if run.verdict is None else run.verdict["settling_time_s"]
     if settled is not None:
-        found.append(Moment(settled, "settled", "every error stays within its tolerance", "good"))
+        found.append(
+            Moment(settled, "settled", "errors stay within their tolerances from here on", "good")
+        )
     if run.outcome is not None:
         who = "" if run.outcome.robot is None else f"robot {run.outcome.robot}: "
         well = run.outcome.kind == "completed"

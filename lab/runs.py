@@ -172,7 +172,7 @@ def _changed(place: Path) -> str:
 
 
 def _table(entries: list[Entry]) -> Table:
-    table = Table(box=SIMPLE_HEAD)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for column in ("when", "name", "standing", "claims"):
         table.add_column(column, no_wrap=column in ("when", "standing"))
     for column in ("settled", "simulated"):
@@ -184,16 +184,18 @@ def _table(entries: list[Entry]) -> Table:
         table.add_row(
             entry.when[:16].replace("T", " "), escape(entry.name),
             f"[{style}]{escape(entry.standing)}[/]", escape(said), _seconds(entry.settled_s),
-            _seconds(entry.simulated_s), escape(str(entry.folder)),
+            _seconds(entry.simulated_s), escape(entry.folder.name),
         )  # fmt: skip
     return table
 
 
 def in_words(claims: Mapping[str, bool | None]) -> str:
-    """What was expected: its names if all holds, what does not otherwise."""
-    failing = [f"{name} {'FAILS' if holds is False else 'not judged'}"
-               for name, holds in claims.items() if not holds]  # fmt: skip
-    return ", ".join(failing or claims)
+    """What was expected: its names if all holds, and else what does not."""
+    failing = [name for name, holds in claims.items() if holds is False]
+    unknown = [name for name, holds in claims.items() if holds is None]
+    parts = [f"FAILS: {', '.join(failing)}"] if failing else []
+    parts += [f"not judged: {', '.join(unknown)}"] if unknown else []
+    return "; ".join(parts) or ", ".join(claims)
 
 
 def _seconds(value: float | None) -> str:
