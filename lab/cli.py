@@ -178,7 +178,9 @@ def plot(folder: Path, out: Path | None) -> None:
     help="Write comparison.md, .csv and a figure into a new folder.",
 )
 def compare(folders: tuple[Path, ...], out: Path | None) -> None:
-    """Put runs side by side: verdicts, errors, and what differs in their scenarios.
+    """Put runs side by side.
+
+    Verdicts, errors, whether the bits are the same, and what differs in the scenarios.
 
     Exit code 0; 1 if two runs of one scenario in virtual time differ in a bit; 2: bad usage.
     """
@@ -199,7 +201,9 @@ def compare(folders: tuple[Path, ...], out: Path | None) -> None:
     help="New file (mcap) or folder (csv)  [default: run.mcap or csv/ in the run's folder]",
 )
 def export(folder: Path, kind: str, out: Path | None) -> None:
-    """Write a run for other programs: MCAP (Foxglove) or CSV (spreadsheets).
+    """Write a run as MCAP or CSV.
+
+    MCAP is for Foxglove (needs the extra "export"), CSV for spreadsheets.
 
     What is there is never overwritten.
     """
