@@ -100,7 +100,7 @@ def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
 
     Each run's are those of the robots that were up at its end, as in its verdict.
     """
-    drawn = blank(9.0, 8.6 + 0.22 * len(names))
+    drawn = blank(9.0, 8.8 + 0.22 * -(-len(names) // 3))
     panels = drawn.subplots(3, 1, sharex=True)
     for number, (run, name) in enumerate(zip(found, names, strict=True)):
         trajectories = run.trajectories
@@ -122,7 +122,7 @@ def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
     panels[-1].set_xlim(left=0.0)
     handles, labels = panels[0].get_legend_handles_labels()
     if handles:
-        drawn.legend(handles, labels, loc="outside upper left", fontsize=8.5, ncols=1)
+        drawn.legend(handles, labels, loc="outside upper left", fontsize=8.5, ncols=3)
     return drawn
 
 
@@ -168,6 +168,7 @@ def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
     if claim is None:
         return "–"
     holds = {True: "holds", False: "FAILS", None: "not judged"}[claim["holds"]]
+    holds += " (claimed: false)" if claim["expected"] is False else ""
     largest = claim["largest_in_window"]
     return holds if largest is None else f"{holds}, {largest:.1e} {unit}"
 
@@ -202,7 +203,7 @@ def _table(title: str, names: Sequence[str], rows: Sequence[tuple[str, list[str]
 
 def _coloured(cell: str) -> str:
     style = {"holds": "green", "FAILS": "red", "differs": "red", "identical": "green"}.get(
-        cell.partition(",")[0]
+        cell.split(",")[0].split(" (")[0]
     )
     return escape(cell) if style is None else f"[{style}]{escape(cell)}[/]"
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
         _read_events(run)
     except FileNotFoundError:
         run.problems.append("has no events.jsonl")
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError) as error:
         run.problems.append(f"events.jsonl cannot be read: {error}")
     if tables:
         run.problems += _read_tables(run)
@@ -114,9 +115,17 @@ def event_lines(folder: Path) -> Iterator[dict[str, Any]]:
             if not line.endswith("\n"):
                 return
             found = json.loads(line)
-            if not isinstance(found, dict) or not {"t_s", "event", "wall"} <= found.keys():
+            if not _is_event(found):
                 raise ValueError(f"no event: {line.strip()[:80]}")
             yield found
+
+
+def _is_event(found: Any) -> bool:
+    return (
+        isinstance(found, dict)
+        and isinstance(found.get("t_s"), int | float) and isfinite(found["t_s"])
+        and isinstance(found.get("event"), str) and isinstance(found.get("wall"), str)
+    )  # fmt: skip
 
 
 def _read_tables(run: Recorded) -> list[str]:
@@ -141,7 +150,9 @@ def _read_events(run: Recorded) -> None:
         t_ns, kind, wall = round(line.pop("t_s") * 1e9), line.pop("event"), line.pop("wall")
         if kind in _OUTCOMES and line.keys() == _END:
             run.outcome = Outcome(kind, t_ns, **line)
-        elif kind == "lost" and not all(isinstance(line.get(k), int) for k in ("robot", "tick")):
+        elif kind == "lost" and not (
+            line.get("robot") in run.scenario.ids and isinstance(line.get("tick"), int)
+        ):
             raise ValueError(f"a loss without robot and tick: {line}")
         else:
             run.events.append(Event(kind, t_ns, line))

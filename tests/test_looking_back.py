@@ -131,6 +131,8 @@ BROKEN = [
     ("events.jsonl", "[1]\n", "events.jsonl cannot be read: no event: [1]"),
     ("events.jsonl", '{"t_s": "x", "event": "a", "wall": ""}\n', "events.jsonl cannot be read"),
     ("events.jsonl", '{"t_s": 0, "event": "lost", "wall": ""}\n', "a loss without robot and tick"),
+    ("events.jsonl", '{"t_s": 1e999, "event": "a", "wall": ""}\n', "no event: "),
+    ("events.jsonl", '{"t_s": 0, "event": "a", "wall": 3}\n', "no event: "),
     ("events.jsonl", None, "has no events.jsonl"),
     ("links.parquet", None, "has no links.parquet"),
     ("states.parquet", "rubbish", "states.parquet or links.parquet cannot be read"),
