@@ -1,7 +1,7 @@
 """A run's folder and what is in it.
 
 ``scenario.toml`` (fully resolved), ``events.jsonl`` (written as things happen),
-``states.parquet``, ``links.parquet``, ``verdict.json``, ``figures/``, ``logs/``.
+``states.parquet``, ``links.parquet``, ``verdict.json``, ``figures/``, ``report.html``, ``logs/``.
 """
 
 import hashlib
