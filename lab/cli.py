@@ -15,6 +15,10 @@ from lab.build import stale
 
 _EXTRA = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
 SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+RUNS = click.argument(
+    "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
+)
+FOLDER = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 INLINE_RUNS = click.option(
     "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
 )
@@ -201,9 +205,7 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 
 
 @main.command()
-@click.argument(
-    "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
-)
+@RUNS
 @click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
 def verify(folders: tuple[Path, ...], distributed: bool) -> None:
     """Run recorded runs again; compare every bit.
@@ -214,6 +216,83 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
     from lab.verify import verify_runs
 
     sys.exit(verify_runs(folders, inline=not distributed))
+
+
+@main.command()
+@RUNS
+def report(folders: tuple[Path, ...]) -> None:
+    """Make report.html of runs again, from their folders alone."""
+    from lab.report import report_runs
+
+    sys.exit(report_runs(folders))
+
+
+@main.command()
+@FOLDER
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="New folder  [default: figures/ of the run]",
+)
+def plot(folder: Path, out: Path | None) -> None:
+    """Draw the figures of a run again, from its folder."""
+    from lab.plot import plot_run
+
+    sys.exit(plot_run(folder, out))
+
+
+@main.command()
+@RUNS
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write comparison.md, .csv and a figure into a new folder.",
+)
+def compare(folders: tuple[Path, ...], out: Path | None) -> None:
+    """Put runs side by side.
+
+    Verdicts, errors, whether the bits are the same, and what differs in the scenarios.
+
+    Exit code 0; 1 if two runs of one scenario in virtual time differ in a bit; 2: bad usage.
+    """
+    if len(folders) < 2:
+        raise click.UsageError("compare needs two runs or more")
+    from lab.compare import compare_runs
+
+    sys.exit(compare_runs(folders, out))
+
+
+@main.command()
+@FOLDER
+@click.option("--format", "kind", type=click.Choice(["mcap", "csv"]), required=True)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE|DIR",
+    help="New file (mcap) or folder (csv)  [default: run.mcap or csv/ in the run's folder]",
+)
+def export(folder: Path, kind: str, out: Path | None) -> None:
+    """Write a run as MCAP or CSV.
+
+    MCAP is for Foxglove (needs the extra "export"), CSV for spreadsheets.
+
+    What is there is never overwritten.
+    """
+    from lab.export import export_run
+
+    sys.exit(export_run(folder, kind, out))
+
+
+@main.command("list")
+@click.argument("folder", metavar="[DIR]", default=Path("runs"), type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="For other programs.")
+def list_(folder: Path, as_json: bool) -> None:
+    """List the runs in DIR (runs/), newest first."""
+    from lab.runs import list_runs
+
+    sys.exit(list_runs(folder, as_json=as_json))
 
 
 @main.command()

@@ -12,7 +12,7 @@ from lab import link_figures
 from lab.canvas import COLOURS, around, blank
 from lab.lyapunov import Curve, equation, rises
 from lab.lyapunov import curve as lyapunov_curve
-from lab.recording import Recording, Trajectories
+from lab.recording import Collected, Trajectories
 from lab.verdict import by_claim, error_series, tolerances_of, window_s
 
 MOST_PLANNED = 30
@@ -23,7 +23,7 @@ _LABELS = {
 }  # fmt: skip
 
 
-def draw(recording: Recording, folder: Path) -> None:
+def draw(recording: Collected, folder: Path) -> None:
     """Write every figure as PNG and SVG into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario, trajectories = recording.scenario, recording.trajectories
@@ -94,7 +94,7 @@ def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
     return figure
 
 
-def errors(recording: Recording) -> Figure:
+def errors(recording: Collected) -> Figure:
     """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged.
 
     Those of the robots that are up at the end, as in the verdict.
@@ -121,7 +121,7 @@ def errors(recording: Recording) -> Figure:
     return figure
 
 
-def lyapunov(recording: Recording, found: Curve) -> Figure:
+def lyapunov(recording: Collected, found: Curve) -> Figure:
     """V on a log axis, with the stretches in which it gains more than its budget."""
     scenario = recording.scenario
     figure = blank(9.0, 4.6)

@@ -13,7 +13,7 @@ from formation.record import LinkRow
 from formation.scenario import Scenario
 from formation.timeline import arrows
 from lab.canvas import COLOURS, blank
-from lab.recording import Recording
+from lab.recording import Collected
 from netem.settings import LinkSettings
 from netem.timeline import NEVER
 
@@ -39,7 +39,7 @@ class Stretch(NamedTuple):
     is_cut: bool
 
 
-def of(recording: Recording) -> dict[str, Figure]:
+def of(recording: Collected) -> dict[str, Figure]:
     """The figures by name; none without messages."""
     by_link: dict[tuple[int, int], list[LinkRow]] = {}
     for row in recording.link_rows:

@@ -1,17 +1,19 @@
 """A run's folder and what is in it.
 
 ``scenario.toml`` (fully resolved), ``events.jsonl`` (written as things happen),
-``states.parquet``, ``links.parquet``, ``verdict.json``, ``figures/``, ``logs/``.
+``states.parquet``, ``links.parquet``, ``verdict.json``, ``figures/``, ``report.html``, ``logs/``.
 """
 
 import hashlib
 import json
+import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from copy import copy
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +25,9 @@ from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, 
 from formation.roster import Roster
 from formation.scenario import Scenario
 from netem.tables import nanoseconds
+
+if sys.platform != "win32":
+    import fcntl
 
 STATES_SCHEMA = pa.schema(
     [("t_ns", pa.int64()), ("robot", pa.int32())]
@@ -38,9 +43,7 @@ LINKS_SCHEMA = pa.schema(
         ("fate", pa.dictionary(pa.int8(), pa.string())),
     ]
 )
-
-
-_STATES, _LINKS = "states.parquet", "links.parquet"
+STATES, LINKS = "states.parquet", "links.parquet"
 
 
 class RunExists(FileExistsError):
@@ -183,6 +186,8 @@ class Recording(Collected):
         self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
         (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
         self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
+        with suppress(OSError):  # a file system without locks
+            _lock(self._events)
 
     def __call__(self, record: Record) -> None:
         """Take one record."""
@@ -203,8 +208,8 @@ class Recording(Collected):
     def save(self) -> None:
         """Write the tables; every row recorded so far is kept."""
         self.close()
-        pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / _STATES)
-        pq.write_table(_table(self.sorted_link_rows, LINKS_SCHEMA), self.folder / _LINKS)
+        pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / STATES)
+        pq.write_table(_table(self.sorted_link_rows, LINKS_SCHEMA), self.folder / LINKS)
 
     def _note_plan(self, now_ns: int) -> None:
         """Put what was planned up to now among the events."""
@@ -223,18 +228,36 @@ class Recording(Collected):
         self._events.flush()
 
 
+def being_written(folder: Path) -> bool:
+    """Whether a process that lives on this machine is recording into ``folder``."""
+    try:
+        with (folder / "events.jsonl").open(encoding="utf-8") as events:
+            _lock(events)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _lock(file: IO[str]) -> None:
+    """Hold ``file`` until it is closed or this process ends. Raises OSError if it is held."""
+    if sys.platform != "win32":
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def read_states(folder: Path) -> list[Sample]:
     """The samples in a run's folder.
 
     Raises:
         OSError, ValueError, KeyError: there is no such table, or it is another.
     """
-    return [Sample(*row) for row in _rows(folder / _STATES, STATES_SCHEMA)]
+    return [Sample(*row) for row in _rows(folder / STATES, STATES_SCHEMA)]
 
 
 def read_links(folder: Path) -> list[LinkRow]:
     """The fates of messages in a run's folder; raises as :func:`read_states`."""
-    return [LinkRow(*row) for row in _rows(folder / _LINKS, LINKS_SCHEMA)]
+    return [LinkRow(*row) for row in _rows(folder / LINKS, LINKS_SCHEMA)]
 
 
 def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:

@@ -136,6 +136,11 @@ def _conclude(
         from lab import figures
 
         figures.draw(recording, recording.folder / "figures")
+    from lab import report
+
+    problem = report.leave(recording.folder)
+    if problem is not None:
+        console.print(f"[yellow]no page:[/] {escape(problem)}", soft_wrap=True)
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     output().print(links_table(rows, "all are in verdict.json"))
     output().print(_table(judged))

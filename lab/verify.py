@@ -1,54 +1,32 @@
 """``formnet verify``: does a recorded run, run again, give the same bits?"""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
+from agent.law import accepts
 from formation.loading import ScenarioError
-from formation.record import LinkRow, Sample
-from formation.scenario import Scenario
+from formation.record import Sample
 from lab import verdict
 from lab.difference import first_difference
 from lab.execution import execute
-from lab.recording import Recording, read_links, read_states, trajectory_sha256
+from lab.recorded import Unreadable, read_whole
+from lab.recording import Recording, trajectory_sha256
 from lab.run import (
     ALL_HOLD,
     BAD_INPUT,
     BROKEN,
     INTERRUPTED,
     ONE_FAILS,
-    load_checked,
     report_problems,
 )
 from lab.signals import stop_signals
 
 _UNTIL_THE_END = 2**63 - 1
-
-
-class Unreadable(ValueError):
-    """A folder that holds no run which could be repeated; the text says what is wrong with it."""
-
-
-class Recorded(NamedTuple):
-    """What a run folder holds of a run that can be compared."""
-
-    scenario: Scenario
-    verdict: Mapping[str, Any]
-    samples: list[Sample]
-    links: list[LinkRow]
-
-    @property
-    def planned_until_ns(self) -> int:
-        """Up to when nothing happened that the scenario does not say."""
-        unplanned = [item["t_s"] for item in self.verdict["robots"]["lost"]]
-        if self.verdict["outcome"]["kind"] not in ("completed", "diverged"):
-            unplanned.append(self.verdict["outcome"]["t_s"])
-        return min((round(t_s * 1e9) for t_s in unplanned), default=_UNTIL_THE_END)
 
 
 def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
@@ -73,11 +51,16 @@ def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
 
 
 def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inline: bool) -> int:
-    recorded = read(folder)
+    recorded = read_whole(folder)
+    judged = recorded.verdict
+    assert judged is not None
+    problem = accepts(recorded.scenario)
+    if problem is not None:
+        raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
     if recorded.scenario.clock.mode == "realtime":
         raise Unreadable('clock.mode = "realtime": a run in real time does not repeat to the bit; '
                          "its virtual twin does (--set clock.mode=lockstep)")  # fmt: skip
-    until_ns = recorded.planned_until_ns
+    until_ns = _planned_until_ns(judged)
     samples = _before(recorded.samples, until_ns)
     if not samples:
         raise Unreadable("nothing to compare: no sample was recorded before something unplanned "
@@ -90,7 +73,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
         again.close()
     if stopped():
         return INTERRUPTED
-    if outcome.kind not in ("completed", "diverged", recorded.verdict["outcome"]["kind"]):
+    if outcome.kind not in ("completed", "diverged", judged["outcome"]["kind"]):
         console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
                       + escape(outcome.reason), soft_wrap=True)  # fmt: skip
         return BROKEN
@@ -100,14 +83,14 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     )
     if whole and found is None:  # what becomes of messages depends on what comes after
         found = first_difference(
-            recorded.links, again.sorted_link_rows, recorded.scenario.clock.control_period_ns
+            recorded.link_rows, again.sorted_link_rows, recorded.scenario.clock.control_period_ns
         )
-    claimed = recorded.verdict["trajectory_sha256"]
+    claimed = judged["trajectory_sha256"]
     sealed = trajectory_sha256(recorded.samples) == claimed
     name = escape(str(folder))
     if found is None and sealed:
         extent = (
-            f": {len(samples)} samples, {len(recorded.links)} messages" if whole else
+            f": {len(samples)} samples, {len(recorded.link_rows)} messages" if whole else
             f" up to t = {until_ns / 1e9:g} s, where something unplanned happened: "
             f"{len(samples)} of {len(recorded.samples)} samples"
         )  # fmt: skip
@@ -121,31 +104,17 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
                       "changed after the run", soft_wrap=True)  # fmt: skip
     if found is not None:
         console.print(f"  first at {escape(str(found))} (recorded, and again)", soft_wrap=True)
-        for line in _other_versions(recorded.verdict):
+        for line in _other_versions(judged):
             console.print(f"  {escape(line)}", soft_wrap=True)
     return ONE_FAILS
 
 
-def read(folder: Path) -> Recorded:
-    """What ``folder`` holds of a run.
-
-    Raises:
-        Unreadable: a file is missing, or is not what a run leaves.
-        ScenarioError: the scenario cannot be run.
-    """
-    for name in ("scenario.toml", "verdict.json", "states.parquet", "links.parquet"):
-        if not (folder / name).is_file():
-            raise Unreadable(f"has no {name}; formnet run leaves one")
-    scenario = load_checked(folder / "scenario.toml", ())
-    try:
-        judged = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
-        judged["trajectory_sha256"], judged["outcome"]["t_s"], judged["robots"]["lost"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise Unreadable(f"verdict.json is not a verdict: {error!r}") from None
-    try:
-        return Recorded(scenario, judged, read_states(folder), read_links(folder))
-    except (ValueError, KeyError, OSError) as error:  # pyarrow's errors are among them
-        raise Unreadable(f"states.parquet or links.parquet cannot be read: {error}") from None
+def _planned_until_ns(judged: Mapping[str, Any]) -> int:
+    """Up to when nothing happened that the scenario does not say."""
+    unplanned = [item["t_s"] for item in judged["robots"]["lost"]]
+    if judged["outcome"]["kind"] not in ("completed", "diverged"):
+        unplanned.append(judged["outcome"]["t_s"])
+    return min((round(t_s * 1e9) for t_s in unplanned), default=_UNTIL_THE_END)
 
 
 def _before(samples: Sequence[Sample], until_ns: int) -> list[Sample]:

@@ -1,0 +1,229 @@
+"""``formnet compare``: runs side by side."""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from formation.loading import ScenarioError
+from formation.scenario import Expect
+from lab import runs
+from lab.canvas import COLOURS, blank
+from lab.difference import first_difference
+from lab.keypaths import by_path, shown
+from lab.links_table import output
+from lab.recorded import Recorded, Unreadable, read_whole
+from lab.recording import fresh_folder
+from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, ONE_FAILS, report_problems
+from lab.verdict import by_claim, error_series, tolerances_of
+
+MOST_RUNS = 2 * len(COLOURS)
+"""How many runs can be told apart in the figure: by colour, and by dashes."""
+_NO_DIFFERENCE = ("name", "description", "expect")
+"""What of a scenario does not decide what happens in the run."""
+
+
+class Comparison(NamedTuple):
+    """Rows of (title, a cell per run), and whether bits differ that should be the same."""
+
+    names: list[str]
+    results: list[tuple[str, list[str]]]
+    scenario: list[tuple[str, list[str]]]
+    differs: bool
+
+
+def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
+    """Print what tells the runs apart, write it down; the exit code of ``formnet compare``."""
+    console = Console(stderr=True, highlight=False)
+    if len(folders) > MOST_RUNS:
+        console.print(f"[red]{len(folders)} runs:[/] at most {MOST_RUNS} can be told apart")
+        return BAD_INPUT
+    found = []
+    for folder in folders:
+        try:
+            found.append(read_whole(folder))
+        except ScenarioError as error:
+            report_problems(console, error)
+            return BAD_INPUT
+        except Unreadable as error:
+            console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
+            return BAD_INPUT
+    compared = comparison(found)
+    try:
+        if out is not None:
+            _write(fresh_folder(out), compared, figure(found, compared.names))
+    except OSError as error:
+        console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
+        return BAD_INPUT
+    for title, rows in _parts(compared):
+        output().print(_table(title, compared.names, rows))
+    if out is not None:
+        console.print(f"everything is in {escape(str(out))}", soft_wrap=True)
+    return ONE_FAILS if compared.differs else ALL_HOLD
+
+
+def comparison(found: Sequence[Recorded]) -> Comparison:
+    """What tells whole runs apart."""
+    names = _names([run.folder for run in found])
+    verdicts = [run.verdict or {} for run in found]
+    results = [
+        ("verdict", [runs.standing(v, None, running=False) for v in verdicts]),
+        ("outcome", [v["outcome"]["kind"] for v in verdicts]),
+        *((title, [_claim(unit, v["claims"].get(claim)) for v in verdicts])
+          for claim, (title, unit) in CLAIM_TITLES.items()),
+        ("settled (s)", [_number(v["settling_time_s"], ".2f") for v in verdicts]),
+        ("error at the end, Eq. 3 (m)", [_number(v["formation_error_m"]) for v in verdicts]),
+        ("error at the end, Eq. 4 (rad)", [_number(v["heading_error_rad"]) for v in verdicts]),
+        ("error at the end, Eq. 5 (m)", [_number(v["centroid_error_m"]) for v in verdicts]),
+        ("messages lost", [_lost(v) for v in verdicts]),
+        ("robots lost", [str(len(v["robots"]["lost"])) for v in verdicts]),
+        ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
+        ("took (s)", [_number(v["wall_s"], ".2f") for v in verdicts]),
+        ("mode", [f"{v['mode']}, {run.scenario.clock.mode}"
+                  for v, run in zip(verdicts, found, strict=True)]),
+        ("sha256", [v["trajectory_sha256"][:16] for v in verdicts]),
+    ]  # fmt: skip
+    beside = [_beside(found[0], run) for run in found[1:]]
+    results.append((f"beside {names[0]}", ["–", *(words for words, _ in beside)]))
+    return Comparison(names, results, _scenarios(found), any(bad for _, bad in beside))
+
+
+def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
+    """The errors of Eqs. 3-5 of all runs over each other, each equation in a panel.
+
+    Each run's are those of the robots that were up at its end, as in its verdict.
+    """
+    drawn = blank(9.0, 8.8 + 0.22 * -(-len(names) // 3))
+    panels = drawn.subplots(3, 1, sharex=True)
+    for number, (run, name) in enumerate(zip(found, names, strict=True)):
+        trajectories = run.trajectories
+        if not len(trajectories.t_s):
+            continue
+        up = run.up_at(int(trajectories.t_ns[-1]))
+        series = by_claim(error_series(run.scenario, trajectories, up))
+        tolerances = tolerances_of(run.scenario.expect or Expect())
+        colour = COLOURS[number % len(COLOURS)]
+        dashes = "-" if number < len(COLOURS) else "--"
+        width = 1.2 + 1.8 * (1 - (number + 1) / len(found))  # what is the same still shows
+        for axes, (claim, errors) in zip(panels, series.items(), strict=True):
+            axes.semilogy(trajectories.t_s, np.maximum(errors, 1e-16), color=colour, ls=dashes,
+                          lw=width, label=name)  # fmt: skip
+            axes.axhline(tolerances[claim], color="0.45", ls=":", lw=1.0)
+            title, unit = CLAIM_TITLES[claim]
+            axes.set_ylabel(f"{title} ({unit})")
+    panels[-1].set_xlabel("t (s)    (dotted: tolerances)")
+    panels[-1].set_xlim(left=0.0)
+    handles, labels = panels[0].get_legend_handles_labels()
+    if handles:
+        drawn.legend(handles, labels, loc="outside upper left", fontsize=8.5, ncols=3)
+    return drawn
+
+
+def _beside(first: Recorded, other: Recorded) -> tuple[str, bool]:
+    """Whether a run has the bits of the first, and whether it should but has not."""
+    if _deciding(first) != _deciding(other):
+        return "another scenario", False
+    period_ns = first.scenario.clock.control_period_ns
+    found = first_difference(first.samples, other.samples, period_ns)
+    found = found or first_difference(first.link_rows, other.link_rows, period_ns)
+    if found is None:
+        return "identical", False
+    repeatable = first.scenario.clock.mode == "lockstep" and all(
+        run.verdict is not None and not run.verdict["robots"]["lost"]
+        and run.verdict["outcome"]["kind"] in ("completed", "diverged") for run in (first, other)
+    )  # fmt: skip
+    return f"differs, first at {found}", repeatable
+
+
+def _deciding(run: Recorded) -> dict[str, Any]:
+    return {
+        place: value for place, value in by_path(run.scenario).items()
+        if not place.startswith(_NO_DIFFERENCE)
+    }  # fmt: skip
+
+
+def _scenarios(found: Sequence[Recorded]) -> list[tuple[str, list[str]]]:
+    """The keys in which the scenarios differ."""
+    flat = [by_path(run.scenario) for run in found]
+    places = dict.fromkeys(place for one in flat for place in one)
+    rows = ((place, [shown(one[place]) if place in one else "–" for one in flat])
+            for place in places)  # fmt: skip
+    return [(place, cells) for place, cells in rows if len(set(cells)) > 1]
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """What to call each run: its folder's name, or the whole path where names coincide."""
+    short = [folder.resolve().name for folder in folders]
+    return short if len(set(short)) == len(short) else [str(folder) for folder in folders]
+
+
+def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
+    if claim is None:
+        return "–"
+    holds = {True: "holds", False: "FAILS", None: "not judged"}[claim["holds"]]
+    holds += " (claimed: false)" if claim["expected"] is False else ""
+    largest = claim["largest_in_window"]
+    return holds if largest is None else f"{holds}, {largest:.1e} {unit}"
+
+
+def _lost(judged: Mapping[str, Any]) -> str:
+    fates = judged["messages"]["fates"]
+    lost = sum(count for fate, count in fates.items() if fate.startswith("lost"))
+    return f"{lost} of {judged['messages']['sent']}"
+
+
+def _number(value: float | None, form: str = ".2e") -> str:
+    return "–" if value is None else format(value, form)
+
+
+def _parts(compared: Comparison) -> Iterator[tuple[str, list[tuple[str, list[str]]]]]:
+    yield "results", compared.results
+    yield (
+        "what differs in the scenarios",
+        compared.scenario or [("(nothing)", [""] * len(compared.names))],
+    )
+
+
+def _table(title: str, names: Sequence[str], rows: Sequence[tuple[str, list[str]]]) -> Table:
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    table.add_column("", no_wrap=True)
+    for name in names:
+        table.add_column(escape(name), overflow="fold")
+    for place, cells in rows:
+        table.add_row(escape(place), *(_coloured(cell) for cell in cells))
+    return table
+
+
+def _coloured(cell: str) -> str:
+    style = {"holds": "green", "FAILS": "red", "differs": "red", "identical": "green"}.get(
+        cell.split(",")[0].split(" (")[0]
+    )
+    return escape(cell) if style is None else f"[{style}]{escape(cell)}[/]"
+
+
+def _write(folder: Path, compared: Comparison, drawn: Figure) -> None:
+    """The tables as Markdown and CSV, and the figure."""
+    lines = []
+    for title, rows in _parts(compared):
+        lines += [f"## {title.capitalize()}", "", _markdown(["", *compared.names]),
+                  "|---" * (len(compared.names) + 1) + "|",
+                  *(_markdown([place, *cells]) for place, cells in rows), ""]  # fmt: skip
+    lines.append("![Errors of Eqs. 3-5](errors.png)")
+    (folder / "comparison.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with (folder / "comparison.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["", *compared.names])
+        table.writerows([place, *cells] for _, rows in _parts(compared) for place, cells in rows)
+    for kind in ("png", "svg"):
+        drawn.savefig(folder / f"errors.{kind}", dpi=130)
+
+
+def _markdown(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
