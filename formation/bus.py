@@ -113,7 +113,8 @@ def session(
         # without that layer, whoever sends to a machine that is gone stands still.
         "transport": {
             "unicast": {"lowlatency": lease_s >= LONG_LEASE_S, "qos": {"enabled": False}},
-            "link": {"tx": {"lease": round(1000 * lease_s)}},
+            # Where there is a batching layer, room for a burst at the end of a run.
+            "link": {"tx": {"lease": round(1000 * lease_s), "queue": {"size": {"data": 16}}}},
             "shared_memory": {"enabled": False},
         },
     }  # fmt: skip
@@ -135,11 +136,16 @@ def session(
         opened.close()  # type: ignore[no-untyped-call]
 
 
-def publisher(opened: zenoh.Session, key: str, *, blocking: bool = True) -> zenoh.Publisher:
-    """A publisher that sends at once and, where the network is full, blocks (or else drops)."""
+def publisher(
+    opened: zenoh.Session, key: str, *, blocking: bool = True, hurried: bool = True
+) -> zenoh.Publisher:
+    """A publisher that, where the network is full, blocks (or else drops).
+
+    It sends at once; if it is not ``hurried``, together with what follows soon.
+    """
     control = zenoh.CongestionControl
     return opened.declare_publisher(
-        key, express=True, congestion_control=control.BLOCK if blocking else control.DROP
+        key, express=hurried, congestion_control=control.BLOCK if blocking else control.DROP
     )
 
 

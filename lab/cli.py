@@ -195,6 +195,31 @@ def monitor(
 
 
 @main.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.01, 1000.0),
+    default=1.0,
+    show_default=True,
+    help="How many simulated seconds a second.",
+)
+@WEB
+def replay(folder: Path, speed: float, web: bool) -> None:
+    """Watch the recorded run in the folder RUN again, in a window or (--web) a browser."""
+    from formation.loading import ScenarioError
+    from lab.replay import NoScene
+    from lab.replay import replay as show
+    from lab.viewer import ViewerFailed
+
+    try:
+        show(folder, speed, web=web, say=click.echo)
+    except (NoScene, ScenarioError, ViewerFailed) as error:
+        _fail(2, str(error))
+    except KeyboardInterrupt:
+        return
+
+
+@main.command()
 @SCENARIO
 @OVERRIDE
 def check(scenario: Path, overrides: tuple[str, ...]) -> None:

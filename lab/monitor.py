@@ -19,7 +19,7 @@ import zenoh
 
 from formation import bus
 from formation.loading import loads
-from formation.record import Outcome, Record, Stir, unpack
+from formation.record import Event, Outcome, Record, Stir, unpack
 from formation.scenario import Scenario
 from formation.security import MONITOR, Credentials
 from lab import lyapunov
@@ -29,7 +29,7 @@ from lab.viewer import Viewer
 
 _DRAW_S = 0.1
 """How often what came is drawn, at most."""
-_SEARCH_S = 10.0
+_SEARCH_S = 5.0
 _LYAPUNOV_SHARE = 10
 """V, whose cost grows with the run, is worked out in a tenth of the time at most."""
 _LYAPUNOV_S = 2.0
@@ -64,21 +64,29 @@ class Feed:
                 self._keys.plant_alive, self._on_plant, history=True
             ),
         ]
-        self.scenario, self._told = self._ask(session)
-        self._known = set(self._told)  # may come live once more
+        self.scenario, self._told, self._next = self._ask(session)
+        self.missed = 0
+        """How many messages did not come, because this end was too slow."""
 
     def take(self) -> Iterator[Record]:
         """What came since the last call; first of all, the events before."""
-        waiting, self._told = self._told, []
+        told, self._told = self._told, []
+        yield from map(_record, told)
         with suppress(queue.Empty):
             while True:
-                data = self._live.get_nowait()
-                if data not in self._known:
-                    waiting.append(data)
-        for data in waiting:
-            record = unpack(data)
-            if not isinstance(record, Stir):
+                number, packed = msgpack.unpackb(self._live.get_nowait())
+                record = _record(packed)
+                if number >= self._next:
+                    self.missed += number - self._next
+                    self._next = number + 1
+                elif isinstance(record, Event | Outcome):
+                    continue  # it was among those before
                 yield record
+
+    def leave(self) -> None:
+        """Take leave of the plant, which waits for that at the end, a little."""
+        for subscription in self._subscriptions:
+            subscription.undeclare()  # type: ignore[no-untyped-call]
 
     @property
     def over(self) -> bool:
@@ -89,15 +97,21 @@ class Feed:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._gone.set()
 
-    def _ask(self, session: zenoh.Session) -> tuple[Scenario, list[bytes]]:
+    def _ask(self, session: zenoh.Session) -> tuple[Scenario, list[bytes], int]:
         deadline = time.monotonic() + _SEARCH_S
         while time.monotonic() < deadline:
             for reply in session.get(self._keys.history, timeout=1.0):
                 if reply.ok is not None:
-                    text, told = msgpack.unpackb(reply.ok.payload.to_bytes())
-                    return loads(text, "the run's scenario"), told
+                    text, told, number = msgpack.unpackb(reply.ok.payload.to_bytes())
+                    return loads(text, "the run's scenario"), told, number
             time.sleep(_DRAW_S)
         raise NoRun(f"nobody tells of a run {self.run!r} here: is it over, or an older version?")
+
+
+def _record(packed: bytes) -> Record:
+    record = unpack(packed)
+    assert not isinstance(record, Stir)  # which is for the launcher alone
+    return record
 
 
 @contextmanager
@@ -146,11 +160,12 @@ class Monitor:
     def run(self, stopped: threading.Event) -> bool:
         """Draw until the run has ended (True), its plant is gone, or ``stopped`` is set."""
         while True:
-            gone = self._feed.over  # before what it said last is taken
+            gone = self._feed.over  # asked before what it said last is taken
             self._draw()
             if self._collected.outcome is not None or gone or stopped.is_set():
                 break
             stopped.wait(_DRAW_S)
+        self._feed.leave()
         self._scene.flush(last=True)
         self._draw_lyapunov(last=True)
         self._stream.flush()
@@ -198,6 +213,8 @@ def watch(source: Source, *, view: str | None, file: Path | None, stopped: threa
         page = viewer.page if viewer is not None else None
         print(f"watching {from_run.run}" + (f" at {page}" if page else ""), flush=True)
         complete = monitor.run(stopped)
+        if from_run.missed:
+            print(f"too slow: {from_run.missed} messages were missed", flush=True)
         if page is not None and not stopped.is_set():
             print("the run is over; the page stays until Ctrl-C", flush=True)
             stopped.wait()

@@ -135,7 +135,7 @@ class Scene:
         wall = np.interp(t_ns, anchors[:, 0], anchors[:, 1] - anchors[0, 1])
         self._anchors = self._anchors[-5000:]
         return [
-            rr.TimeColumn("sim_time", duration=np.asarray(t_ns) / 1e9),
+            rr.TimeColumn("sim_time", duration=np.asarray(t_ns).astype("timedelta64[ns]")),
             rr.TimeColumn("wall_time", timestamp=(
                 (wall.astype(np.int64) + anchors[0, 1]).astype("datetime64[ns]"))),
         ]  # fmt: skip
@@ -232,11 +232,12 @@ class Scene:
             self._say(t_ns, wall_ns, "network", {"what": what})
 
     def _say(self, t_ns: int, wall_ns: int, kind: str, details: dict[str, Any]) -> None:
-        words = " ".join(
-            f"{name} {value}" for name, value in details.items() if value not in ("", None)
-        )
+        words = "; ".join(
+            value if name in ("what", "reason") else f"{name} {value}"
+            for name, value in details.items() if value not in ("", None)
+        )  # fmt: skip
         stream = self._stream
-        stream.set_time("sim_time", duration=t_ns / 1e9)
+        stream.set_time("sim_time", duration=np.timedelta64(t_ns, "ns"))
         stream.set_time("wall_time", timestamp=np.datetime64(wall_ns, "ns"))
         stream.log("events", rr.TextLog(f"{kind}: {words}" if words else kind,
                                         level=_LEVELS.get(kind, "INFO")))  # fmt: skip

@@ -56,6 +56,7 @@ def main(
         plant = kind(session, scenario, run, take, start_patience_s)
         on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
         outcome = plant.run()
+        watched.take_leave()
     return 0 if outcome.kind in ("completed", "diverged") else 3
 
 

@@ -1,11 +1,13 @@
 """For whoever watches a run: its record stream once more, on the bus.
 
 Watching must not change a run. What is recorded goes out as it is, some forty messages a second,
-and is dropped where a watcher does not keep up; who comes late asks for what it has missed:
-the scenario and the events so far.
+numbered, and is dropped where a watcher does not keep up; who comes late asks for what it has
+missed: the scenario and the events so far.
 """
 
 import threading
+import time
+from typing import Any
 
 import msgpack
 import zenoh
@@ -15,6 +17,9 @@ from formation.loading import dumps
 from formation.record import Event, Outcome, Stir, Streamed, pack
 from formation.scenario import Scenario
 
+LEAVE_S = 1.0
+"""How long, after the run, watchers may take to hear of its end."""
+
 
 class Watched:
     """Offers run ``run`` on ``session``; a sink (:meth:`take`) beside the record's own."""
@@ -23,8 +28,9 @@ class Watched:
         keys = bus.Keys(run)
         self._scenario = dumps(scenario.model_copy(update={"hosts": None}))
         self._told: list[bytes] = []  # events so far, and the outcome
+        self._number = 0  # of the next message
         self._lock = threading.Lock()
-        self._publisher = bus.publisher(session, keys.watch, blocking=False)
+        self._publisher = bus.publisher(session, keys.watch, blocking=False, hurried=False)
         self._answers = session.declare_queryable(keys.history, self._answer)
 
     def take(self, record: Streamed) -> None:
@@ -32,11 +38,23 @@ class Watched:
         if isinstance(record, Stir):
             return
         packed = pack(record)
-        if isinstance(record, Event | Outcome):
-            with self._lock:
+        with self._lock:
+            if isinstance(record, Event | Outcome):
                 self._told.append(packed)
-        self._publisher.put(packed)
+            number, self._number = self._number, self._number + 1
+        self._publisher.put(msgpack.packb((number, packed)))
+
+    def take_leave(self) -> None:
+        """Wait until nobody watches any more, who has heard of the end: not for long."""
+        deadline = time.monotonic() + LEAVE_S
+        while self._is_watched() and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    def _is_watched(self) -> bool:
+        status: Any = self._publisher.matching_status
+        return bool(status.matching)
 
     def _answer(self, query: zenoh.Query) -> None:
         with self._lock, query:
-            query.reply(query.key_expr, msgpack.packb((self._scenario, self._told)))
+            history = (self._scenario, self._told, self._number)
+            query.reply(query.key_expr, msgpack.packb(history))
