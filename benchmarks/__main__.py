@@ -17,12 +17,13 @@ from benchmarks import (
     pacing,
     scaling,
     throughput,
+    watching,
 )
 from benchmarks.helics_fed import CORE
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.table import BenchmarkError, Report, Row
 
-GROUPS = ("a", "b", "c", "d", "e", "f", "g", "h")
+GROUPS = ("a", "b", "c", "d", "e", "f", "g", "h", "i")
 
 
 def main() -> int:
@@ -67,7 +68,9 @@ def _measure(group: str, plan: Plan, folder: Path) -> list[Row]:
         return bridging.measure(plan, folder)
     if group == "g":
         return losses.measure(plan, folder)
-    return pacing.measure(plan, folder)
+    if group == "h":
+        return pacing.measure(plan, folder)
+    return watching.measure(plan, folder)
 
 
 def _arguments() -> argparse.Namespace:
@@ -76,7 +79,7 @@ def _arguments() -> argparse.Namespace:
         description="Cost of formnet's lockstep against the bare Zenoh exchange and HELICS (a), "
         "inline speed (b), growth with the robots (c), a link's throughput (d) and its lateness "
         "on the wall clock (e), a bridge between Zenoh programs (f), how long the others stand "
-        "still when a robot is lost (g), real time (h); one table.",
+        "still when a robot is lost (g), real time (h), what watching costs (i); one table.",
     )
     parser.add_argument(
         "--ticks", type=_at_least(LEAST_TICKS), default=2000,
@@ -90,7 +93,7 @@ def _arguments() -> argparse.Namespace:
         "--helics-core", default=CORE, help="HELICS's core type (default %(default)s)"
     )
     parser.add_argument(
-        "--only", type=_groups, default=list(GROUPS), metavar="a,b,c,d,e,f,g", help="only these"
+        "--only", type=_groups, default=list(GROUPS), metavar="a,b,...", help="only these"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round here, too")
     return parser.parse_args()

@@ -8,22 +8,24 @@ included, to formnet's disadvantage. Records are dropped as they come.
 
 import secrets
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
 from formation.loading import dumps
-from formation.record import Event, Record
+from formation.record import Event, Record, Sink
 from formation.scenario import Scenario
-from lab.launch import Launch
+from lab.launch import Begun, Launch
 
 START_S, TICK_S = 60.0, 0.05
 """A run may take this long to start, and this long per tick, before it is given up."""
 
 
 class _Clock:
-    """A sink that only looks at the clock."""
+    """A sink that only looks at the clock, and passes on."""
 
-    def __init__(self) -> None:
+    def __init__(self, also: Sink) -> None:
+        self._also = also
         self.started_s: float | None = None
         self.ended_s: float | None = None
 
@@ -32,10 +34,16 @@ class _Clock:
             self.started_s = time.perf_counter()
         elif isinstance(record, Event) and record.kind == "ended":
             self.ended_s = time.perf_counter()
+        self._also(record)
 
 
-def tick_ms(scenario: Scenario, folder: Path) -> float:
+def tick_ms(
+    scenario: Scenario, folder: Path, *, also: Sink = lambda _: None,
+    refresh: Callable[[], None] = lambda: None, begun: Begun = lambda *_: None,
+) -> float:  # fmt: skip
     """Run ``scenario`` once; wall-clock milliseconds per tick. Files go to ``folder``.
+
+    ``also`` gets the records, ``refresh`` and ``begun`` are called as by ``lab.launch``.
 
     Raises:
         BenchmarkError: the run did not complete.
@@ -43,11 +51,11 @@ def tick_ms(scenario: Scenario, folder: Path) -> float:
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "scenario.toml"
     file.write_text(dumps(scenario), encoding="utf-8")
-    clock = _Clock()
+    clock = _Clock(also)
     deadline = time.monotonic() + START_S + TICK_S * scenario.ticks
     name = f"{scenario.name}-{secrets.token_hex(3)}"
-    launch = Launch(file, scenario, name, clock, folder / "logs")
-    outcome = launch.wait(lambda: time.monotonic() > deadline, lambda: None)
+    launch = Launch(file, scenario, name, clock, folder / "logs", begun=begun)
+    outcome = launch.wait(lambda: time.monotonic() > deadline, refresh)
     if outcome.kind != "completed" or clock.started_s is None or clock.ended_s is None:
         raise BenchmarkError(
             f"formnet's run of {scenario.name} ended as {outcome.kind} at "
