@@ -82,6 +82,7 @@ def session(
     plaintext: bool = False,
     patience_s: float = 10.0,
     lease_s: float = LONG_LEASE_S,
+    batching: bool = False,
 ) -> Iterator[zenoh.Session]:
     """An open session, closed at the end (an unclosed one hangs the interpreter's exit).
 
@@ -89,7 +90,10 @@ def session(
     ``robots`` and a monitor do no more than :func:`formation.security.access_control` says.
     Off loopback that is required, unless ``plaintext`` is explicit.
 
-    The other end takes this one for gone once it has said nothing for ``lease_s``.
+    The other end takes this one for gone once it has said nothing for ``lease_s``. With
+    ``batching``, as with a short lease, Zenoh puts a queue between it and the socket: what may be
+    dropped is, where this end does not keep up, and the other is not held up. (A lease that ends
+    closes the connection, which holds it up for ten seconds on a single thread.)
 
     Raises:
         BusError: an endpoint is not allowed, is taken, or nobody answers there within
@@ -112,7 +116,9 @@ def session(
         # One class of traffic and no batching layer: halves the cost of a lockstep tick. But
         # without that layer, whoever sends to a machine that is gone stands still.
         "transport": {
-            "unicast": {"lowlatency": lease_s >= LONG_LEASE_S, "qos": {"enabled": False}},
+            "unicast": {
+                "lowlatency": lease_s >= LONG_LEASE_S and not batching, "qos": {"enabled": False},
+            },
             # Where there is a batching layer, room for a burst at the end of a run.
             "link": {"tx": {"lease": round(1000 * lease_s), "queue": {"size": {"data": 16}}}},
             "shared_memory": {"enabled": False},

@@ -126,7 +126,7 @@ def feed(source: Source) -> Iterator[Feed]:
     credentials = None if source.keys is None else Credentials(source.keys, MONITOR)
     with bus.session(
         connect=source.endpoint, credentials=credentials, plaintext=source.plaintext,
-        lease_s=bus.LEASE_S,
+        batching=True,
     ) as session:  # fmt: skip
         yield Feed(session, source.run or _only_run(session, source.endpoint))
 
