@@ -16,9 +16,9 @@ from conftest import missing
 
 from formation.loading import load
 from lab import keys
-from lab.claims.command import CONFIGS
 from lab.hosts import HostsError, load_hosts
 from lab.place import BadPlace, Where
+from lab.scenarios import CONFIGS
 
 HOSTS = {"alpha": [1, 2], "beta": [3, 4], "gamma": [5]}
 PORT = 2222

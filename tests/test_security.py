@@ -22,10 +22,10 @@ from formation import bus
 from formation.record import Event, Samples, read
 from formation.security import MONITOR, PLANT, Credentials, KeysError, robot_name
 from lab import keys
-from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.launch import free_port
 from lab.recording import trajectory_sha256
+from lab.scenarios import CONFIGS
 
 PATIENCE_S = 1.0
 
