@@ -23,7 +23,7 @@ check: $(VENV)/.test
 
 # The site is in site/index.html; it needs no server and no network.
 docs: $(VENV)/.test
-	$(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks

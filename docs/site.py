@@ -1,8 +1,8 @@
 """Lays the repository flat for the site, so that links work there as they do among the files.
 
-README.md, CHANGELOG.md, configs/ and examples/ stand beside the pages of docs/: a link ``../configs/x``
-from a page and a link ``docs/y`` from the README lose their first part. mkdocs then checks them as it
-does all others: a target that is not there fails the strict build.
+README.md, CHANGELOG.md, configs/ and examples/ stand beside the pages of docs/: a link
+``../configs/x`` of a page and a link ``docs/y`` of the README lose their first part. mkdocs
+then checks them like all others: a target that is not there fails the strict build.
 """
 
 import re
@@ -14,6 +14,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
 BESIDE = ("README.md", "CHANGELOG.md", "LICENSE", "configs/**/*.toml", "examples/**/*")
+MADE = ("__pycache__", ".pytest_cache", "build", "runs")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -34,7 +35,5 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def _made(path: Path) -> bool:
     """Whether something made it that is not in the repository."""
-    parts = path.relative_to(ROOT).parts
-    return any(
-        part in ("__pycache__", "build", "runs") or part.endswith(".egg-info") for part in parts
-    )
+    folders = path.relative_to(ROOT).parent.parts
+    return any(folder in MADE or folder.endswith(".egg-info") for folder in folders)
