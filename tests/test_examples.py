@@ -1,5 +1,6 @@
 """The examples do what they say."""
 
+import json
 import re
 import signal
 import subprocess
@@ -64,3 +65,22 @@ def test_plain_zenoh_programs_meet_the_link_that_is_put_between_them(way):
     else:  # of 200, a fifth is lost: five standard deviations of the binomial are 28
         assert 132 <= int(count) <= 188
         assert 80 < float(median_ms) < 150
+
+
+def test_every_cell_of_the_notebook_runs_on_a_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    out = subprocess.run(
+        [sys.executable, "-m", "lab.cli", "run", "section5-delay", "--inline", "--out", "first",
+         "--set", "duration_s=0.5"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert out.returncode == 1, out.stderr  # half a second is too short for the claims
+    notebook = json.loads((EXAMPLES / "notebook.ipynb").read_text(encoding="utf-8"))
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) > 5
+    names = {}
+    for cell in cells:
+        assert cell["outputs"] == []
+        exec(compile("".join(cell["source"]), cell["id"], "exec"), names)
+    names["plt"].close("all")
