@@ -36,6 +36,20 @@ def test_the_site_builds_strictly_and_loads_nothing_from_elsewhere(tmp_path):
     assert (tmp_path / "configs" / "paper" / "section5-delay.toml").exists()
 
 
+def test_links_between_files_work_where_the_files_are():
+    """On a code host, that is; in the site, the strict build checks them."""
+    pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.glob("*.md")]
+    pages += (ROOT / "examples").rglob("*.md")
+    targets = [
+        (page, target)
+        for page in pages
+        for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    ]
+    assert len(targets) > 50
+    gone = [(page.name, to) for page, to in targets if not (page.parent / to).exists()]
+    assert not gone
+
+
 # --- troubleshooting ------------------------------------------------------------------------
 
 
