@@ -13,7 +13,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
-BESIDE = ("README.md", "CHANGELOG.md", "LICENSE", "configs/**/*.toml", "examples/**/*")
+BESIDE = ("README.md", "CHANGELOG.md", "LICENSE", "configs/**/*", "examples/**/*")
 MADE = ("__pycache__", ".pytest_cache", "build", "runs")
 
 
