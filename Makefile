@@ -6,20 +6,24 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test check bench clean
+.PHONY: demo build test check docs bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
 
 build: $(VENV)/.base
 
-test: check
+test: check docs
 	$(BIN)/pytest
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The site is in site/index.html; it needs no server and no network.
+docs: $(VENV)/.test
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
@@ -34,7 +38,7 @@ $(VENV)/.base: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	@touch $@
 
 $(VENV)/.test: pyproject.toml setup.py $(HOT) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,docs]'
 	@touch $(VENV)/.base $@
 
 $(VENV)/.bench: pyproject.toml setup.py $(HOT) | $(BIN)/python
@@ -42,4 +46,4 @@ $(VENV)/.bench: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	@touch $@ $(VENV)/.base
 
 clean:
-	rm -rf $(VENV) *.egg-info build *.so */*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) *.egg-info build site *.so */*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,9 +1,11 @@
 """Compiles what runs in every tick with mypyc, where a C compiler is at hand.
 
 The same source runs interpreted and compiled and gives the same bits; compiled,
-it is faster. Without a compiler the build goes on without.
+it is faster. Without a compiler the build goes on without; with FORMNET_PURE=1 in
+the environment nothing is compiled, and the wheel is for every machine.
 """
 
+import os
 import sys
 
 from setuptools import Extension, setup
@@ -38,6 +40,8 @@ def compiled() -> list[Extension]:
     """The hot path as extension modules; none where mypyc cannot translate them."""
     if {"egg_info", "dist_info"} & set(sys.argv):
         return []  # pip asks for the metadata first; only a build needs the modules
+    if os.environ.get("FORMNET_PURE") == "1":
+        return []
     try:
         from mypyc.build import mypycify
 

@@ -14,7 +14,18 @@ import click
 from lab.build import stale
 
 _EXTRA = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
-SCENARIO = click.argument("scenario", type=click.Path(path_type=Path), metavar="SCENARIO.toml")
+
+
+def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
+    from lab.scenarios import find
+
+    try:
+        return find(argument)
+    except LookupError as error:
+        raise click.BadParameter(str(error)) from None
+
+
+SCENARIO = click.argument("scenario", callback=_scenario, metavar="SCENARIO")
 RUNS = click.argument(
     "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
 )
@@ -115,7 +126,7 @@ def run(
     view: bool,
     web: bool,
 ) -> None:
-    """Run SCENARIO.toml and judge it.
+    """Run SCENARIO and judge it: a file, or the name of one in `formnet scenarios`.
 
     Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged; 2: bad
     scenario or usage; 3: the run itself broke; 130: interrupted.
@@ -223,7 +234,7 @@ def replay(folder: Path, speed: float, web: bool) -> None:
 @SCENARIO
 @OVERRIDE
 def check(scenario: Path, overrides: tuple[str, ...]) -> None:
-    """Validate SCENARIO.toml and say what the theory makes of it."""
+    """Validate SCENARIO and say what the theory makes of it."""
     from lab.check import check_scenario
 
     sys.exit(check_scenario(scenario, overrides))
@@ -397,7 +408,7 @@ def nemesis(
     limit_s: float,
     jobs: int | None,
 ) -> None:
-    """Break SCENARIO.toml with random failures.
+    """Break SCENARIO with random failures.
 
     Robots are killed, restarted and paused, links are cut, partitioned, delayed and lossy in the
     first quarter of each run. Every run must end, keep its record consistent, give the same bits
@@ -473,6 +484,15 @@ def laws() -> None:
     for name, entry in installed().items():
         source = f"  ({entry.dist.name} {entry.dist.version})" if entry.dist else ""
         click.echo(f"{name:20} {entry.value}{source}")
+
+
+@main.command()
+def scenarios() -> None:
+    """List the scenarios that come along."""
+    from lab.scenarios import described
+
+    for name, description in described():
+        click.echo(f"{name:24} {description}")
 
 
 @main.command("netem-bridge")
@@ -586,7 +606,7 @@ def plant(
     plaintext: bool,
     lease_s: float,
 ) -> None:
-    """Be the plant of a run of SCENARIO.toml (formnet run starts it)."""
+    """Be the plant of a run of SCENARIO (formnet run starts it)."""
     if (listen is None) == (connect is None):
         raise click.UsageError("needs --listen or --connect, and not both")
     _choose_threads(lease_s)

@@ -48,7 +48,7 @@ from formation.messages import (
     sealed,
 )
 from formation.record import LinkRow
-from lab.claims.command import CONFIGS
+from lab.scenarios import CONFIGS
 
 _STATE = State(1.5, -2.5, 0.25, 0.0, -1e-3)
 _LOCKSTEP: Sequence[messages.Message] = (

@@ -17,10 +17,10 @@ from lab import inline
 from lab.claims import command, figures, report
 from lab.claims.catalogue import COMPARED, catalogue
 from lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
-from lab.claims.command import CONFIGS
 from lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
 from lab.cli import main
 from lab.recording import Collected
+from lab.scenarios import CONFIGS
 
 CLAIMS = {claim.key: claim for claim in catalogue()}
 SCENARIOS = {

@@ -17,8 +17,8 @@ from conftest import missing
 from formation.hosts import HostsError, load_hosts
 from formation.loading import ScenarioError, load
 from lab import keys
-from lab.claims.command import CONFIGS
 from lab.place import BadPlace, Where
+from lab.scenarios import CONFIGS
 
 HOSTS = {"alpha": [1, 2], "beta": [3, 4], "gamma": [5]}
 PORT = 2222

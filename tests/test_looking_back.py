@@ -17,12 +17,12 @@ from click.testing import CliRunner
 from formation.loading import load, loads
 from formation.record import Event, Outcome
 from lab import foxglove, report, runs
-from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.inline import run as run_inline
 from lab.keypaths import by_path, shown
 from lab.recorded import Unreadable, read_run, read_whole
 from lab.recording import Recording, being_written
+from lab.scenarios import CONFIGS
 
 SECTION5 = CONFIGS / "paper" / "section5-delay.toml"
 NASTY = '<script>alert("1")</script> & <b>'

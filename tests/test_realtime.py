@@ -22,7 +22,7 @@ from agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
 from formation.loading import load
 from formation.messages import Broadcast, Drive, Envelope, Measured, State
 from formation.sync import RemoteClock, Spread
-from lab.claims.command import CONFIGS
+from lab.scenarios import CONFIGS
 from plant.timed import TimedWorld
 from plant.world import World
 

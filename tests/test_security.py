@@ -23,11 +23,11 @@ from formation.loading import load
 from formation.record import Event, Samples, read
 from formation.security import MONITOR, PLANT, Credentials, KeysError, robot_name
 from lab import keys, verdict
-from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.launch import Launch, Place, free_port
 from lab.recording import Recording, trajectory_sha256
 from lab.refusals import MANY
+from lab.scenarios import CONFIGS
 
 PATIENCE_S = 1.0
 

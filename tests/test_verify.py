@@ -11,9 +11,9 @@ from click.testing import CliRunner
 
 from formation.record import LinkRow, Outcome, Sample
 from lab import verify
-from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.difference import first_difference
+from lab.scenarios import CONFIGS
 
 SHORT = ("duration_s=0.5", "network.default.loss.probability=0.1")
 

@@ -19,12 +19,12 @@ from formation import bus
 from formation.loading import load
 from formation.record import LinkRow, LinkRows, Outcome, Sample, Samples
 from lab import keys
-from lab.claims.command import CONFIGS
 from lab.cli import main
 from lab.execution import execute
 from lab.launch import LocalChild, Place, free_port
 from lab.recording import Recording, read_states, trajectory_sha256
 from lab.rrd import RunFile
+from lab.scenarios import CONFIGS
 from lab.viewer import binary
 
 PATIENCE_S = 60.0

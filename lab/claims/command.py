@@ -27,9 +27,9 @@ from lab.links_table import output
 from lab.recording import Collected, Recording, fresh_folder
 from lab.run import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS
 from lab.run import BROKEN as RUN_BROKE
+from lab.scenarios import CONFIGS
 from lab.signals import stop_signals
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 _UNITS = {"Eq. 3": "m", "Eq. 4": "rad", "Eq. 5": "m"}
 _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
 

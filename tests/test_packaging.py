@@ -1,0 +1,119 @@
+"""What an install holds: scenarios by name, types, a licence; and what ``--help`` does not load."""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from formation.loading import load
+from lab.cli import main
+from lab.scenarios import CONFIGS, find, packaged
+
+PARTS = ("agent", "configs", "formation", "lab", "netem", "plant")
+
+
+def formnet(*arguments):
+    return CliRunner().invoke(main, list(map(str, arguments)))
+
+
+def test_every_packaged_scenario_is_listed_and_loads():
+    listed = formnet("scenarios").output
+    assert len(packaged()) >= 12
+    for name, path in packaged().items():
+        assert f"{name} " in listed
+        assert load(path).description in listed
+    assert "wifi" not in listed  # a network file is no scenario
+
+
+@pytest.mark.parametrize("argument", ["paper/section5-delay", "section5-delay"])
+def test_a_scenario_goes_by_its_name(argument, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert find(argument) == CONFIGS / "paper" / "section5-delay.toml"
+
+
+def test_names_without_their_folder_are_unique():
+    names = [name.rpartition("/")[2] for name in packaged()]
+    assert len(set(names)) == len(names)
+
+
+def test_a_file_comes_before_a_packaged_scenario_and_a_folder_does_not(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("yard").mkdir()
+    assert find("yard") == CONFIGS / "yard.toml"
+    Path("yard").rmdir()
+    Path("yard").touch()
+    assert find("yard") == Path("yard")
+
+
+@pytest.mark.parametrize("command", ["run", "check", "nemesis"])
+def test_an_unknown_scenario_is_told_what_is_near(command):
+    told = formnet(command, "sectoin5-delay.toml")
+    assert told.exit_code == 2
+    assert "did you mean paper/section5-delay" in " ".join(told.output.split())
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys\nfrom lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "print(*sys.modules, file=sys.stderr)"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stderr.split()
+    assert "click" in loaded
+    heavy = {"asyncssh", "cryptography", "jinja2", "matplotlib", "mcap", "networkx", "numpy",
+             "pyarrow", "pydantic", "rerun", "rich", "scipy", "zenoh"}  # fmt: skip
+    assert heavy.isdisjoint(loaded)
+
+
+def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
+    source, wheels, home = (tmp_path / name for name in ("source", "wheels", "venv"))
+    for part in PARTS:
+        shutil.copytree(root / part, source / part, ignore=shutil.ignore_patterns("*.so", "__py*"))
+    for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        shutil.copy(root / file, source)
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "--no-cache-dir"]
+    offline = ("--no-index", "--no-deps")
+    subprocess.run(
+        [*pip, "wheel", *offline, "--no-build-isolation", "--wheel-dir", wheels, source],
+        check=True, env={**os.environ, "FORMNET_PURE": "1"},
+    )  # fmt: skip
+    (wheel,) = wheels.glob("formnet-*-py3-none-any.whl")
+    venv.create(home)
+    python = home / "bin" / "python"
+    subprocess.run([*pip, "--python", python, "install", *offline, wheel], check=True)
+    packages = Path(subprocess.check_output(
+        [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], text=True
+    ).strip())  # fmt: skip
+    assert all((packages / part / "py.typed").exists() for part in PARTS if part != "configs")
+    # What formnet needs is that of this environment; formnet itself is not.
+    (packages / "needs.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    command = [home / "bin" / "formnet", "run", "section5-delay", "--inline", "--out", "mine"]
+    overrides = ("--set", "duration_s=0.2", "--set", "expect.centroid=false",
+                 "--set", "expect.formation=false", "--set", "expect.heading=false")  # fmt: skip
+    ran = subprocess.run([*command, *overrides], cwd=empty, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert (empty / "mine" / "states.parquet").exists()
+    laws = subprocess.check_output([home / "bin" / "formnet", "laws"], cwd=empty, text=True)
+    assert "cooperative" in laws
+
+
+def test_versions_and_the_paper_agree(root):
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == project["version"]
+    assert citation["license"] == project["license"]
+    (paper,) = citation["references"]
+    assert paper["title"] in (root / "README.md").read_text(encoding="utf-8")
+    changelog = (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## [{project['version']}]" in changelog
