@@ -15,8 +15,7 @@ from agent.law import accepts
 from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
-from formation.theory import assess
-from lab import verdict
+from lab import stiffness, verdict
 from lab.execution import execute
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
@@ -51,7 +50,7 @@ def run_scenario(
             "--set clock.mode=lockstep, or leave --inline out", soft_wrap=True,
         )  # fmt: skip
         return BAD_INPUT
-    for warning in assess(scenario).warnings:
+    for warning in stiffness.warnings(scenario):
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     try:
         hosts = where.hosts(scenario)
