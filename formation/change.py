@@ -31,10 +31,7 @@ class NetworkAction(LinkSelection, LinkOverrides):
 
 
 class RampAction(LinkSelection):
-    """``action = "ramp"``: one number moves from ``from_value`` to ``to_value``.
-
-    In a straight line within ``duration_s``; ``parameter`` is its key, such as ``delay.mean_s``.
-    """
+    """``action = "ramp"``: one number moves from ``from_value`` to ``to_value``."""
 
     action: Literal["ramp"] = Field(description="One number of links moves in a straight line.")
     parameter: Annotated[str, AfterValidator(checked_parameter)] = Field(

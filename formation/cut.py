@@ -15,19 +15,17 @@ InFlight = Literal["kept", "lost"]
 
 
 class CutAction(LinkSelection):
-    """``action = "cut"``: what is sent from then on is lost, until a ``heal``.
-
-    ``heal_after_s`` heals the same links that much later.
-    """
+    """``action = "cut"``: what is sent from then on is lost, until a ``heal``."""
 
     action: Literal["cut"] = Field(
         description="Links lose what is sent from then on, until a heal."
     )
     in_flight: InFlight = Field(
-        "kept", description="What becomes of messages that were sent before and are due after."
+        default="kept",
+        description="What becomes of messages that were sent before and are due after.",
     )
     heal_after_s: PositiveSeconds | None = Field(
-        None, description="Heals the same links that much later."
+        default=None, description="Heals the same links that much later."
     )
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:

@@ -53,14 +53,11 @@ class _FaultAction(Table):
 
 
 class KillAction(_FaultAction):
-    """``action = "kill"``: the robot's process gets SIGKILL before it senses that tick.
-
-    ``restart_after_s`` restarts the same robots that much later.
-    """
+    """``action = "kill"``: the robot's process gets SIGKILL before it senses that tick."""
 
     action: Literal["kill"] = Field(description="The process gets SIGKILL.")
     restart_after_s: PositiveSeconds | None = Field(
-        None, description="Restarts the same robots that much later."
+        default=None, description="Restarts the same robots that much later."
     )
 
 
@@ -73,14 +70,11 @@ class RestartAction(_FaultAction):
 
 
 class PauseAction(_FaultAction):
-    """``action = "pause"``: the process gets SIGSTOP and misses ticks from that one on.
-
-    ``resume_after_s`` resumes the same robots that much later.
-    """
+    """``action = "pause"``: the process gets SIGSTOP and misses ticks from that one on."""
 
     action: Literal["pause"] = Field(description="The process gets SIGSTOP and misses ticks.")
     resume_after_s: PositiveSeconds | None = Field(
-        None, description="Resumes the same robots that much later."
+        default=None, description="Resumes the same robots that much later."
     )
 
 

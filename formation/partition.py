@@ -39,18 +39,21 @@ class PartitionAction(Table):
     at_s: Seconds = Field(description="When.")
     groups: (
         Annotated[list[Annotated[list[RobotId], Field(min_length=1)]], Field(min_length=1)] | None
-    ) = Field(None, description="Who still reach each other; robots in no group make up one more.")
+    ) = Field(
+        default=None, description="Who still reach each other; robots in no group make up one more."
+    )
     shape: Literal["halves", "isolate", "bridge", "ring"] | None = Field(
-        None, description="The groups by a word, instead of `groups`."
+        default=None, description="The groups by a word, instead of `groups`."
     )
     robot: RobotId | None = Field(
-        None, description="Whom `isolate` isolates; who is between the halves of `bridge`."
+        default=None, description="Whom `isolate` isolates; who is between the halves of `bridge`."
     )
     in_flight: InFlight = Field(
-        "kept", description="What becomes of messages that were sent before and are due after."
+        default="kept",
+        description="What becomes of messages that were sent before and are due after.",
     )
     heal_after_s: PositiveSeconds | None = Field(
-        None, description="Heals the same links that much later."
+        default=None, description="Heals the same links that much later."
     )
 
     @model_validator(mode="after")

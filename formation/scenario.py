@@ -29,19 +29,19 @@ class Clock(Table):
     """``[clock]``: virtual time in lockstep or real time, and the periods of the sampled loop."""
 
     mode: Literal["lockstep", "realtime"] = Field(
-        "lockstep", description="Virtual time, exactly repeatable, or the wall clock."
+        default="lockstep", description="Virtual time, exactly repeatable, or the wall clock."
     )
     control_period_s: Positive = Field(
-        0.001, description="The law is evaluated, and its command held, for this long."
+        default=0.001, description="The law is evaluated, and its command held, for this long."
     )
     broadcast_period_s: Positive = Field(
-        0.01,
+        default=0.01,
         description=(
             "A robot tells its neighbours its state this often; a multiple of control_period_s."
         ),
     )
     sync_bound_s: PositiveSeconds = Field(
-        0.005,
+        default=0.005,
         description=(
             "In real time, report a robot whose estimate of the plant's clock may be wrong by more."
         ),
@@ -71,7 +71,7 @@ class Formation(Table):
         Annotated[Positive, Tag("number")] | Annotated[dict[str, Positive], Tag("table")],
         Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
     ] = Field(
-        1.0,
+        default=1.0,
         description=(
             'The weight b of every edge, or a table with one entry per edge: `{ "1-2" = 2.0, "2-3" '
             "= 0.5 }`."
@@ -94,82 +94,88 @@ class Formation(Table):
 
 
 class W1(Table):
-    """``law.w1``: w1(t) = bias + amplitude · sin(frequency · t)."""
+    """``law.w1``: the excitation w1(t) = bias + amplitude · sin(frequency · t)."""
 
-    bias: float = Field(0.5, description="The constant part.", json_schema_extra={"unit": "rad/s"})
-    amplitude: float = Field(0.0, description="Of the sine.", json_schema_extra={"unit": "rad/s"})
-    frequency_radps: NonNegative = Field(0.0, description="Of the sine.")
+    bias: float = Field(
+        default=0.5, description="The constant part.", json_schema_extra={"unit": "rad/s"}
+    )
+    amplitude: float = Field(
+        default=0.0, description="Of the sine.", json_schema_extra={"unit": "rad/s"}
+    )
+    frequency_radps: NonNegative = Field(default=0.0, description="Of the sine.")
 
 
 class LawSettings(Table):
     """``[law]``: the control law and its parameters, named as in the paper."""
 
     kind: str = Field(
-        "cooperative",
+        default="cooperative",
         description=(
             '"cooperative", "leader_follower", or the name of an installed plug-in (`formnet '
             "laws`)."
         ),
     )
     level: Literal["kinematic", "dynamic"] = Field(
-        "dynamic",
+        default="dynamic",
         description="Robots that take velocities (Theorems 1, 2, 5) or torques (3, 4, 6).",
     )
     beta: Positive = Field(
-        10.0,
+        default=10.0,
         description="β: couples sideways errors into the turning.",
         json_schema_extra={"unit": "s"},
     )
     w1: W1 = Field(
-        W1(),
+        default=W1(),
         description=(
-            "The excitation w1(t), at which the headings turn for ever; zero breaks Assumption 2."
+            "The excitation, by which the headings turn for ever; zero breaks Assumption 2."
         ),
     )
     feedback_gain: Positive = Field(
-        10.0,
+        default=10.0,
         description="K: how fast velocities follow what the law wants.",
         json_schema_extra={"unit": "1/s"},
     )
     feedback_shape: Literal["identity", "inertia"] = Field(
-        "inertia",
+        default="inertia",
         description=(
             "K as the printed identity, or shaped by the estimated inertia: then feedback_gain is "
             "a rate."
         ),
     )
-    robust: bool = Field(True, description="Whether Eq. 31's term against wrong estimates is on.")
+    robust: bool = Field(
+        default=True, description="Whether Eq. 31's term against wrong estimates is on."
+    )
     gamma: Positive = Field(
-        0.1,
+        default=0.1,
         description="γ: the boundary layer shrinks as exp(−γ t).",
         json_schema_extra={"unit": "1/s"},
     )
     boundary_layer: Positive = Field(
-        1.0,
+        default=1.0,
         description="ε: where Eq. 31's robust term stops being a switch; in the law's own units.",
     )
     length_scale_m: Positive = Field(
-        1.0,
+        default=1.0,
         description=(
             "ℓ: positions are measured in units of so many metres; about how far the robots start "
             "from their places."
         ),
     )
     delta: Literal["corrected", "printed"] = Field(
-        "corrected",
+        default="corrected",
         description=(
             "The sign of Δ in Eq. 19: as the proofs need it, or as it is printed (and diverges)."
         ),
     )
     cross_term: Literal["printed", "compensated"] = Field(
-        "printed",
+        default="printed",
         description=(
             "Leave w1 z2 z3 in, as printed, or cancel it: then V never rises, but centroids come "
             "home in Theorems 1 and 3, too."
         ),
     )
     parameters: dict[str, Any] = Field(
-        {}, description="The settings of a law that is not the built-in one."
+        default={}, description="The settings of a law that is not the built-in one."
     )
 
 
@@ -184,7 +190,7 @@ class LinkRule(LinkOverrides):
         alias="from", description='The senders: an id, a list of ids, or "*" for all.'
     )
     destinations: Robots = Field(alias="to", description="The receivers, likewise.")
-    both_ways: bool = Field(False, description="Whether the links back are meant, too.")
+    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the rule is about the link from ``source`` to ``destination``."""
@@ -196,9 +202,9 @@ class Network(Table):
     """``[network]``: the default of every directed link, and overrides; later ones win."""
 
     default: LinkSettings = Field(
-        LinkSettings(), description="What every directed link begins with."
+        default=LinkSettings(), description="What every directed link begins with."
     )
-    links: list[LinkRule] = Field([], description="Changes for some links; later ones win.")
+    links: list[LinkRule] = Field(default=[], description="Changes for some links; later ones win.")
 
     def settings(self, source: int, destination: int) -> LinkSettings:
         """The settings of the link from ``source`` to ``destination``."""
@@ -213,24 +219,24 @@ class Neighbours(Table):
     """``[neighbours]``: what a robot does with what it hears."""
 
     on_silence: Literal["hold", "drop"] = Field(
-        "drop",
+        default="drop",
         description=(
             "Hold the last state of a neighbour who says nothing, or drop it from the law's sums "
             "until it is heard again."
         ),
     )
     silence_s: PositiveSeconds = Field(
-        0.5,
+        default=0.5,
         description=(
             "Silent is from whom nothing usable came for longer than this, by the own clock."
         ),
     )
     playout: Literal["latest", "fixed"] = Field(
-        "latest",
+        default="latest",
         description="Use a message as it comes, or hold each until playout_s after its stamp.",
     )
     playout_s: PositiveSeconds | None = Field(
-        None,
+        default=None,
         description=(
             'For "fixed": random delay becomes this constant one, and what comes later is lost.'
         ),
@@ -247,15 +253,15 @@ class Plant(Table):
     """``[plant]``: what the body of a robot does whose process is gone, stopped or too slow."""
 
     body_on_failure: Literal["brake", "coast", "freeze"] = Field(
-        "brake",
+        default="brake",
         description=(
             "brake: velocities decay; coast: no torque on the wheels (kinematic: the velocities "
             "stay); freeze: the body stands still at once."
         ),
     )
-    brake_time_s: PositiveSeconds = Field(0.1, description='Time constant of "brake".')
+    brake_time_s: PositiveSeconds = Field(default=0.1, description='Time constant of "brake".')
     drive_timeout_s: PositiveSeconds = Field(
-        0.25, description="In real time, a robot whose newest drive is older brakes."
+        default=0.25, description="In real time, a robot whose newest drive is older brakes."
     )
 
 
@@ -263,11 +269,11 @@ class Run(Table):
     """``[run]``: what happens when something goes wrong that nobody planned."""
 
     on_unscheduled_loss: Literal["continue", "abort"] = Field(
-        "continue",
+        default="continue",
         description="Go on without a robot that dies or hangs unplanned, or end the run.",
     )
     patience_s: Annotated[float, Field(ge=0.5, le=3600.0)] = Field(
-        10.0, description="A robot that does not answer within this wall time is lost."
+        default=10.0, description="A robot that does not answer within this wall time is lost."
     )
 
 
@@ -277,40 +283,46 @@ class Vehicle(Table):
     The middle of the wheel axle is the robot's reference point.
     """
 
-    mass_kg: Positive = Field(1.0, description="Mass.")
-    inertia_kgm2: Positive = Field(1.0, description="Moment of inertia about the centre of mass.")
+    mass_kg: Positive = Field(default=1.0, description="Mass.")
+    inertia_kgm2: Positive = Field(
+        default=1.0, description="Moment of inertia about the centre of mass."
+    )
     com_offset_m: float = Field(
-        0.0,
+        default=0.0,
         description=(
             "How far the centre of mass lies ahead of the axle's middle, the reference point."
         ),
     )
     mass_estimate_kg: Positive | None = Field(
-        None, description="What the law believes; by default the truth."
+        default=None, description="What the law believes; by default the truth."
     )
     inertia_estimate_kgm2: Positive | None = Field(
-        None, description="What the law believes; by default the truth."
+        default=None, description="What the law believes; by default the truth."
     )
     com_offset_estimate_m: float | None = Field(
-        None, description="What the law believes; by default the truth."
+        default=None, description="What the law believes; by default the truth."
     )
     robust_bound: NonNegative | None = Field(
-        None,
+        default=None,
         description=(
             "ρ: how wrong the estimates may be, in the law's own units; by default ‖a − ā‖."
         ),
     )
-    half_axle_m: Positive = Field(0.5, description="Half the distance between the wheels.")
-    wheel_radius_m: Positive = Field(0.2, description="Radius of the wheels.")
+    half_axle_m: Positive = Field(default=0.5, description="Half the distance between the wheels.")
+    wheel_radius_m: Positive = Field(default=0.2, description="Radius of the wheels.")
     wheel_torque_limit_nm: Positive | None = Field(
-        None, description="Torques beyond it are cut off; by default there is no limit."
+        default=None, description="Torques beyond it are cut off; by default there is no limit."
     )
-    linear_friction_nspm: NonNegative = Field(0.0, description="Friction force per speed.")
-    angular_friction_nmsprad: NonNegative = Field(0.0, description="Friction torque per turn rate.")
-    disturbance_force_n: float = Field(0.0, description="A constant force ahead.")
-    disturbance_torque_nm: float = Field(0.0, description="A constant torque that turns left.")
+    linear_friction_nspm: NonNegative = Field(default=0.0, description="Friction force per speed.")
+    angular_friction_nmsprad: NonNegative = Field(
+        default=0.0, description="Friction torque per turn rate."
+    )
+    disturbance_force_n: float = Field(default=0.0, description="A constant force ahead.")
+    disturbance_torque_nm: float = Field(
+        default=0.0, description="A constant torque that turns left."
+    )
     damping: NonNegative = Field(
-        0.0,
+        default=0.0,
         description="μ: pulls the robot to its own place; some μ > 0 brings the centroid home.",
         json_schema_extra={"unit": "1/s"},
     )
@@ -333,7 +345,7 @@ class Start(Table):
 
     x_m: float = Field(description="East of the origin.")
     y_m: float = Field(description="North of the origin.")
-    heading_rad: float = Field(0.0, description="From +x, counterclockwise.")
+    heading_rad: float = Field(default=0.0, description="From +x, counterclockwise.")
 
 
 class Robot(Table):
@@ -376,25 +388,27 @@ class Expect(Table):
     """
 
     formation: bool | None = Field(
-        None, description="Eq. 3: the pattern, wherever it stands and however it is turned."
+        default=None, description="Eq. 3: the pattern, wherever it stands and however it is turned."
     )
-    heading: bool | None = Field(None, description="Eq. 4: headings agree.")
-    centroid: bool | None = Field(None, description="Eq. 5: the centroid is that of the pattern.")
+    heading: bool | None = Field(default=None, description="Eq. 4: headings agree.")
+    centroid: bool | None = Field(
+        default=None, description="Eq. 5: the centroid is that of the pattern."
+    )
     lyapunov: bool | None = Field(
-        None,
+        default=None,
         description="V (Eq. 22, 34, 40 or 43) never rises beyond its budget, over the whole run.",
     )
     formation_tolerance_m: Positive = Field(
-        0.05, description="Of the largest error between two robots."
+        default=0.05, description="Of the largest error between two robots."
     )
     heading_tolerance_rad: Positive = Field(
-        0.02, description="Of the largest gap between two headings."
+        default=0.02, description="Of the largest gap between two headings."
     )
     centroid_tolerance_m: Positive = Field(
-        0.2, description="Of ‖Σx − Σp‖, n times the centroid's distance."
+        default=0.2, description="Of ‖Σx − Σp‖, n times the centroid's distance."
     )
     window_s: Positive | None = Field(
-        None,
+        default=None,
         description=(
             "Claims are judged over so much of the end; by default a tenth of the run, at least "
             "one broadcast period."
@@ -408,8 +422,10 @@ class Scenario(Table):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)] = Field(
         description="What the run and its folder are called."
     )
-    description: str = Field("", description="For people.")
-    seed: Annotated[int, Field(ge=0)] = Field(1, description="All that is random is drawn by it.")
+    description: str = Field(default="", description="For people.")
+    seed: Annotated[int, Field(ge=0)] = Field(
+        default=1, description="All that is random is drawn by it."
+    )
     duration_s: Positive = Field(
         description="How long the run is; a multiple of clock.control_period_s."
     )
@@ -421,7 +437,9 @@ class Scenario(Table):
     plant: Plant = Plant()
     run: Run = Run()
     robot_defaults: Vehicle = Vehicle()
-    timeline: list[TimelineAction] = Field([], description="What happens in the run, and when.")
+    timeline: list[TimelineAction] = Field(
+        default=[], description="What happens in the run, and when."
+    )
     robots: Annotated[list[RobotTable], Field(min_length=1)] = Field(description="Who takes part.")
     expect: Expect | None = None
 

@@ -63,13 +63,13 @@ class LinkSelection(Table):
 
     at_s: Seconds = Field(description="When.")
     links: Links = Field(
-        "*",
+        default="*",
         description=(
             'Directed links as `[[from, to], ...]`, each end an id, a list of ids or "*"; "*" '
             "alone: all."
         ),
     )
-    both_ways: bool = Field(False, description="Whether the links back are meant, too.")
+    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the action is about the link from ``source`` to ``destination``."""

@@ -18,7 +18,8 @@ FILE = "scenario.schema.json"
 """What a copy is called, wherever it lies."""
 
 UNITS = {
-    "_bits_per_s": "bit/s", "_kgm2": "kg m²", "_nmsprad": "N m s/rad", "_nspm": "N s/m",
+    "bits_per_s": "bit/s", "bytes": "bytes",
+    "_kgm2": "kg m²", "_nmsprad": "N m s/rad", "_nspm": "N s/m",
     "_radps": "rad/s", "_mps": "m/s", "_rad": "rad", "_kg": "kg", "_nm": "N m", "_n": "N",
     "_m": "m", "_s": "s",
 }  # fmt: skip
@@ -76,7 +77,7 @@ def _polished(node: Any) -> Any:
         return [_polished(item) for item in node]
     if not isinstance(node, dict):
         return node
-    found = {}
+    found: dict[str, Any] = {}
     for key, value in node.items():
         if key == "properties":
             found[key] = {name: _key(name, entry) for name, entry in value.items()}
@@ -90,7 +91,7 @@ def _polished(node: Any) -> Any:
 def _key(name: str, entry: dict[str, Any]) -> dict[str, Any]:
     """The schema of one key, with its unit if it has one."""
     found = cast(dict[str, Any], _polished(entry))
-    unit = next((unit for end, unit in UNITS.items() if f"_{name}".endswith(end)), None)
+    unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
     return {"unit": unit} | found if unit else found
 
 

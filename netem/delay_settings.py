@@ -31,8 +31,8 @@ class ConstantDelaySettings(Table):
     """``delay = { distribution = "constant", mean_s = 0.1 }``"""
 
     model_config = ConfigDict(json_schema_extra=_names_its_kind)
-    distribution: Literal["constant"] = Field("constant", description="The same for all.")
-    mean_s: Seconds = Field(0.0, description="Mean.")
+    distribution: Literal["constant"] = Field(default="constant", description="The same for all.")
+    mean_s: Seconds = Field(default=0.0, description="Mean.")
 
     @property
     def range_ns(self) -> tuple[int, int | None]:
@@ -54,7 +54,7 @@ class UniformDelaySettings(Table):
     low_s: Seconds = Field(description="Shortest delay.")
     high_s: Seconds = Field(description="Longest delay.")
     correlation: Correlation = Field(
-        0.0,
+        default=0.0,
         description="Lag-1 correlation of successive delays; their distribution stays what it is.",
     )
 
@@ -80,9 +80,9 @@ class UniformDelaySettings(Table):
 class _RandomDelaySettings(Table):
     """What all unbounded distributions share: ``offset_s`` is added to every draw."""
 
-    offset_s: Seconds = Field(0.0, description="Added to every draw.")
+    offset_s: Seconds = Field(default=0.0, description="Added to every draw.")
     correlation: Correlation = Field(
-        0.0,
+        default=0.0,
         description="Lag-1 correlation of successive delays; their distribution stays what it is.",
     )
 
@@ -203,7 +203,7 @@ class EmpiricalDelaySettings(FromFile):
         description="The measurements."
     )
     correlation: Correlation = Field(
-        0.0,
+        default=0.0,
         description="Lag-1 correlation of successive delays; their distribution stays what it is.",
     )
 
@@ -240,7 +240,7 @@ class TraceDelaySettings(FromFile):
     )
     delays_s: Annotated[list[Seconds], Field(min_length=1)] = Field(description="The delays.")
     period_s: Positive | None = Field(
-        None,
+        default=None,
         description=(
             "When the trace begins anew; by default the last row lasts as long as the one before "
             "it."

@@ -14,10 +14,13 @@ from netem.tables import Correlation, FromFile, Probability, Table, read_numbers
 class RandomLossSettings(Table):
     """``loss = { model = "random", probability = 0.01, correlation = 0.25 }``"""
 
-    model: Literal["random"] = Field("random", description="Each message by itself, or in runs.")
-    probability: Probability = Field(0.0, description="Share of messages that are lost.")
+    model: Literal["random"] = Field(
+        default="random", description="Each message by itself, or in runs."
+    )
+    probability: Probability = Field(default=0.0, description="Share of messages that are lost.")
     correlation: Correlation = Field(
-        0.0, description="Lag-1 correlation of successive losses; the share stays what it is."
+        default=0.0,
+        description="Lag-1 correlation of successive losses; the share stays what it is.",
     )
 
     @property
@@ -36,9 +39,11 @@ class GilbertElliottSettings(Table):
         description="Good and bad stretches: tc-netem's `gemodel p r 1-h 1-k`."
     )
     p: Probability = Field(description="Chance of good turning bad, at each message.")
-    r: Probability | None = Field(None, description="Chance of bad turning good; by default 1 − p.")
-    loss_in_bad: Probability = Field(1.0, description="Chance of loss in a bad stretch.")
-    loss_in_good: Probability = Field(0.0, description="Chance of loss in a good stretch.")
+    r: Probability | None = Field(
+        default=None, description="Chance of bad turning good; by default 1 − p."
+    )
+    loss_in_bad: Probability = Field(default=1.0, description="Chance of loss in a bad stretch.")
+    loss_in_good: Probability = Field(default=0.0, description="Chance of loss in a good stretch.")
 
     @property
     def never(self) -> bool:
@@ -57,11 +62,15 @@ class FourStateSettings(Table):
     )
     p13: Probability = Field(description="Chance of a burst's beginning.")
     p31: Probability | None = Field(
-        None, description="Chance of a burst's end; by default 1 − p13."
+        default=None, description="Chance of a burst's end; by default 1 − p13."
     )
-    p32: Probability = Field(0.0, description="Chance of a message that arrives within a burst.")
-    p23: Probability = Field(1.0, description="Chance of going back to loss within a burst.")
-    p14: Probability = Field(0.0, description="Chance of a single loss.")
+    p32: Probability = Field(
+        default=0.0, description="Chance of a message that arrives within a burst."
+    )
+    p23: Probability = Field(
+        default=1.0, description="Chance of going back to loss within a burst."
+    )
+    p14: Probability = Field(default=0.0, description="Chance of a single loss.")
 
     @model_validator(mode="after")
     def _sums(self) -> "FourStateSettings":

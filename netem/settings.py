@@ -44,7 +44,7 @@ class DuplicateSettings(Table):
     """``duplicate = { probability = 0.01 }``"""
 
     probability: Probability = Field(
-        0.0, description="Share of messages of which a second copy is sent."
+        default=0.0, description="Share of messages of which a second copy is sent."
     )
 
 
@@ -52,40 +52,50 @@ class CorruptSettings(Table):
     """``corrupt = { probability = 0.001 }``"""
 
     probability: Probability = Field(
-        0.0, description="Share of messages in which one bit is flipped."
+        default=0.0, description="Share of messages in which one bit is flipped."
     )
 
 
 class ReorderSettings(Table):
     """``reorder = { probability = 0.25, gap = 5 }``"""
 
-    probability: Probability = Field(0.0, description="Share of messages that skip delay and rate.")
-    gap: Annotated[int, Field(ge=1)] = Field(1, description="Only every so many messages may.")
+    probability: Probability = Field(
+        default=0.0, description="Share of messages that skip delay and rate."
+    )
+    gap: Annotated[int, Field(ge=1)] = Field(
+        default=1, description="Only every so many messages may."
+    )
 
 
 class RateSettings(Table):
     """``rate = { bits_per_s = 1_000_000, overhead_bytes = 38 }``; 0 bits_per_s: no limit."""
 
-    bits_per_s: Count = Field(0, description="Never exceeded; 0: no limit.")
-    overhead_bytes: Count = Field(0, description="Added to every message.")
-    cell_bytes: Count = Field(0, description="Messages fill whole cells of this size; 0: no cells.")
-    cell_overhead_bytes: Count = Field(0, description="Added to every cell.")
+    bits_per_s: Count = Field(default=0, description="Never exceeded; 0: no limit.")
+    overhead_bytes: Count = Field(default=0, description="Added to every message.")
+    cell_bytes: Count = Field(
+        default=0, description="Messages fill whole cells of this size; 0: no cells."
+    )
+    cell_overhead_bytes: Count = Field(default=0, description="Added to every cell.")
 
 
 class QueueSettings(Table):
     """``queue = { messages = 1000, bytes = 64_000 }``; 0: no limit."""
 
-    messages: Count = Field(0, description="What finds so many under way is lost; 0: no limit.")
-    bytes: Count = Field(0, description="Likewise for bytes.")
+    messages: Count = Field(
+        default=0, description="What finds so many under way is lost; 0: no limit."
+    )
+    bytes: Count = Field(default=0, description="Likewise for bytes.")
 
 
 class SlotsSettings(Table):
     """``slots = { min_s = 0.001, max_s = 0.002, messages = 8, bytes = 1500 }``; max_s = 0: none."""
 
-    min_s: Seconds = Field(0.0, description="Shortest time between two slots.")
-    max_s: Seconds = Field(0.0, description="Longest time between two slots; 0: no slots.")
-    messages: Count = Field(0, description="At most so many leave in a slot; 0: no limit.")
-    bytes: Count = Field(0, description="At most so many bytes leave in a slot; 0: no limit.")
+    min_s: Seconds = Field(default=0.0, description="Shortest time between two slots.")
+    max_s: Seconds = Field(default=0.0, description="Longest time between two slots; 0: no slots.")
+    messages: Count = Field(default=0, description="At most so many leave in a slot; 0: no limit.")
+    bytes: Count = Field(
+        default=0, description="At most so many bytes leave in a slot; 0: no limit."
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> "SlotsSettings":
@@ -176,14 +186,14 @@ class LinkOverrides(_Preset):
             _whole_or_part("distribution"),
         ]
         | None
-    ) = Field(None, description="The delay of messages.")
+    ) = Field(default=None, description="The delay of messages.")
     loss: (
         Annotated[
             Annotated[LossSettings, Tag("whole")] | Annotated[LossPart, Tag("part")],
             _whole_or_part("model"),
         ]
         | None
-    ) = Field(None, description="Which messages are lost.")
+    ) = Field(default=None, description="Which messages are lost.")
     duplicate: DuplicatePart | None = None
     corrupt: CorruptPart | None = None
     reorder: ReorderPart | None = None
@@ -191,10 +201,10 @@ class LinkOverrides(_Preset):
     queue: QueuePart | None = None
     slots: SlotsPart | None = None
     keep_order: bool | None = Field(
-        None, description="Whether nothing arrives before what was sent earlier."
+        default=None, description="Whether nothing arrives before what was sent earlier."
     )
     playout_s: Seconds | None = Field(
-        None,
+        default=None,
         description=(
             "Deliver everything this long after its stamp, and lose what comes later; 0: as it "
             "comes."
@@ -222,8 +232,10 @@ class SettingError(ValueError):
 class LinkSettings(_Preset):
     """All settings of one direction of a link; the default is an ideal link."""
 
-    delay: DelaySettings = Field(ConstantDelaySettings(), description="The delay of messages.")
-    loss: LossSettings = Field(RandomLossSettings(), description="Which messages are lost.")
+    delay: DelaySettings = Field(
+        default=ConstantDelaySettings(), description="The delay of messages."
+    )
+    loss: LossSettings = Field(default=RandomLossSettings(), description="Which messages are lost.")
     duplicate: DuplicateSettings = DuplicateSettings()
     corrupt: CorruptSettings = CorruptSettings()
     reorder: ReorderSettings = ReorderSettings()
@@ -231,10 +243,10 @@ class LinkSettings(_Preset):
     queue: QueueSettings = QueueSettings()
     slots: SlotsSettings = SlotsSettings()
     keep_order: bool = Field(
-        False, description="Whether nothing arrives before what was sent earlier."
+        default=False, description="Whether nothing arrives before what was sent earlier."
     )
     playout_s: Seconds = Field(
-        0.0,
+        default=0.0,
         description=(
             "Deliver everything this long after its stamp, and lose what comes later; 0: as it "
             "comes."

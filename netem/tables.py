@@ -51,11 +51,9 @@ def members(union: Any) -> tuple[type[Table], ...]:
     return typing.get_args(typing.get_args(union)[0])
 
 
-def optional(info: FieldInfo) -> tuple[Any, FieldInfo]:
+def optional(info: FieldInfo) -> tuple[Any, Any]:
     """A field as :func:`pydantic.create_model` takes it: like ``info``, but None by default."""
-    again: FieldInfo = Field(
-        None, description=info.description, json_schema_extra=info.json_schema_extra
-    )
+    again: Any = Field(None, description=info.description, json_schema_extra=info.json_schema_extra)
     return info.rebuild_annotation() | None, again
 
 
@@ -97,7 +95,10 @@ class FromFile(Table):
         schema["required"] = kind
         schema["properties"]["file"] = {
             "type": "string",
-            "description": "A CSV file beside the scenario that holds the numbers instead.",
+            "description": (
+                "A CSV file instead of the lists, one column each, from the scenario's folder; "
+                "a first row of words is a header."
+            ),
         }
         return schema
 
