@@ -91,8 +91,8 @@ def _softer(scenario: Scenario) -> float | None:
         return None
     known = assess(scenario).warnings
     beta = scenario.law.beta
-    for _ in range(16):
-        beta = _two_digits(0.8 * beta)
+    for _ in range(10):
+        beta = _two_digits(0.75 * beta)
         law = scenario.law.model_copy(update={"beta": beta})
         changed = scenario.model_copy(update={"law": law})
         if assess(changed).warnings != known:
