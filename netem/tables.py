@@ -64,7 +64,8 @@ def part_of(*tables: type[Table], leave_out: str = "") -> type[Part]:
         for name, info in table.model_fields.items():
             if name != leave_out:
                 keys.setdefault(name, optional(info))
-    return create_model(f"PartOf{tables[0].__name__}", __base__=Part, **keys)
+    words = tables[0].__doc__ if len(tables) == 1 else None
+    return create_model(f"PartOf{tables[0].__name__}", __base__=Part, __doc__=words, **keys)
 
 
 class FromFile(Table):
