@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test check docs bench clean
+.PHONY: demo build test check docs reference bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
@@ -27,6 +27,10 @@ docs: $(VENV)/.test
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
+
+reference: $(VENV)/.base
+	$(BIN)/formnet schema --out configs/scenario.schema.json
+	$(BIN)/python -m lab.reference docs/scenario.md
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from formation.selectors import LinkSelection
 from netem.actions import Change
@@ -16,7 +16,9 @@ from netem.timeline import Action
 class NetworkAction(LinkSelection, LinkOverrides):
     """``action = "network"``: exactly the settings that are named change, from that instant."""
 
-    action: Literal["network"]
+    action: Literal["network"] = Field(
+        description="Settings of links change: exactly what is named here."
+    )
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""
@@ -29,16 +31,15 @@ class NetworkAction(LinkSelection, LinkOverrides):
 
 
 class RampAction(LinkSelection):
-    """``action = "ramp"``: one number moves from ``from_value`` to ``to_value``.
+    """``action = "ramp"``: one number moves from ``from_value`` to ``to_value``."""
 
-    In a straight line within ``duration_s``; ``parameter`` is its key, such as ``delay.mean_s``.
-    """
-
-    action: Literal["ramp"]
-    parameter: Annotated[str, AfterValidator(checked_parameter)]
-    from_value: float
-    to_value: float
-    duration_s: PositiveSeconds
+    action: Literal["ramp"] = Field(description="One number of links moves in a straight line.")
+    parameter: Annotated[str, AfterValidator(checked_parameter)] = Field(
+        description="Which number, such as `delay.mean_s`."
+    )
+    from_value: float = Field(description="Its value at the beginning.")
+    to_value: float = Field(description="Its value at the end, and from then on.")
+    duration_s: PositiveSeconds = Field(description="How long it moves.")
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Literal
 
+from pydantic import Field
+
 from formation.selectors import LinkSelection
 from netem.actions import Cut, Heal
 from netem.tables import PositiveSeconds
@@ -13,14 +15,18 @@ InFlight = Literal["kept", "lost"]
 
 
 class CutAction(LinkSelection):
-    """``action = "cut"``: what is sent from then on is lost, until a ``heal``.
+    """``action = "cut"``: what is sent from then on is lost, until a ``heal``."""
 
-    ``heal_after_s`` heals the same links that much later.
-    """
-
-    action: Literal["cut"]
-    in_flight: InFlight = "kept"
-    heal_after_s: PositiveSeconds | None = None
+    action: Literal["cut"] = Field(
+        description="Links lose what is sent from then on, until a heal."
+    )
+    in_flight: InFlight = Field(
+        default="kept",
+        description="What becomes of messages that were sent before and are due after.",
+    )
+    heal_after_s: PositiveSeconds | None = Field(
+        default=None, description="Heals the same links that much later."
+    )
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""
@@ -36,7 +42,7 @@ class CutAction(LinkSelection):
 class HealAction(LinkSelection):
     """``action = "heal"``: cut links carry what is sent from then on; by default all links."""
 
-    action: Literal["heal"]
+    action: Literal["heal"] = Field(description="Cut links carry again what is sent from then on.")
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""

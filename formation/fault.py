@@ -16,7 +16,9 @@ from netem.timeline import NEVER
 class RandomRobots(Table):
     """``robots = { random = 2 }``: so many of those it can happen to, drawn by the seed."""
 
-    random: Annotated[int, Field(ge=1)]
+    random: Annotated[int, Field(ge=1)] = Field(
+        description="How many, drawn by the seed from those it can happen to."
+    )
 
 
 def _kind_of_selector(value: object) -> str:
@@ -40,8 +42,10 @@ FaultyRobots = Annotated[
 class _FaultAction(Table):
     """What an action on robots begins with: when (the first tick from then on), and which."""
 
-    at_s: Seconds
-    robots: FaultyRobots
+    at_s: Seconds = Field(description="When: the first control tick from then on.")
+    robots: FaultyRobots = Field(
+        description='An id, a list of ids, "*" for all, or `{ random = 2 }`.'
+    )
 
     def named_robots(self) -> list[int]:
         """The robots that are spelt out."""
@@ -49,35 +53,37 @@ class _FaultAction(Table):
 
 
 class KillAction(_FaultAction):
-    """``action = "kill"``: the robot's process gets SIGKILL before it senses that tick.
+    """``action = "kill"``: the robot's process gets SIGKILL before it senses that tick."""
 
-    ``restart_after_s`` restarts the same robots that much later.
-    """
-
-    action: Literal["kill"]
-    restart_after_s: PositiveSeconds | None = None
+    action: Literal["kill"] = Field(description="The process gets SIGKILL.")
+    restart_after_s: PositiveSeconds | None = Field(
+        default=None, description="Restarts the same robots that much later."
+    )
 
 
 class RestartAction(_FaultAction):
     """``action = "restart"``: a new process that remembers nothing takes part from that tick on."""
 
-    action: Literal["restart"]
+    action: Literal["restart"] = Field(
+        description="A new process, which remembers nothing, takes part."
+    )
 
 
 class PauseAction(_FaultAction):
-    """``action = "pause"``: the process gets SIGSTOP and misses ticks from that one on.
+    """``action = "pause"``: the process gets SIGSTOP and misses ticks from that one on."""
 
-    ``resume_after_s`` resumes the same robots that much later.
-    """
-
-    action: Literal["pause"]
-    resume_after_s: PositiveSeconds | None = None
+    action: Literal["pause"] = Field(description="The process gets SIGSTOP and misses ticks.")
+    resume_after_s: PositiveSeconds | None = Field(
+        default=None, description="Resumes the same robots that much later."
+    )
 
 
 class ResumeAction(_FaultAction):
     """``action = "resume"``: SIGCONT; the robot takes part again, with what came meanwhile."""
 
-    action: Literal["resume"]
+    action: Literal["resume"] = Field(
+        description="SIGCONT: the robot takes part again, with what came meanwhile."
+    )
 
 
 FaultAction = KillAction | RestartAction | PauseAction | ResumeAction

@@ -33,15 +33,28 @@ class PartitionAction(Table):
     Links that an earlier action cut stay cut.
     """
 
-    action: Literal["partition"]
-    at_s: Seconds
+    action: Literal["partition"] = Field(
+        description="Links between robots that no longer reach each other are cut."
+    )
+    at_s: Seconds = Field(description="When.")
     groups: (
         Annotated[list[Annotated[list[RobotId], Field(min_length=1)]], Field(min_length=1)] | None
-    ) = None
-    shape: Literal["halves", "isolate", "bridge", "ring"] | None = None
-    robot: RobotId | None = None
-    in_flight: InFlight = "kept"
-    heal_after_s: PositiveSeconds | None = None
+    ) = Field(
+        default=None, description="Who still reach each other; robots in no group make up one more."
+    )
+    shape: Literal["halves", "isolate", "bridge", "ring"] | None = Field(
+        default=None, description="The groups by a word, instead of `groups`."
+    )
+    robot: RobotId | None = Field(
+        default=None, description="Whom `isolate` isolates; who is between the halves of `bridge`."
+    )
+    in_flight: InFlight = Field(
+        default="kept",
+        description="What becomes of messages that were sent before and are due after.",
+    )
+    heal_after_s: PositiveSeconds | None = Field(
+        default=None, description="Heals the same links that much later."
+    )
 
     @model_validator(mode="after")
     def _one_way_to_say_it(self) -> "PartitionAction":

@@ -20,23 +20,33 @@ from formation.selectors import RobotId, Robots, pair_covers
 from formation.timeline import PlanEntry, TimelineAction, effects, plan_of
 from netem.link import Link
 from netem.settings import LinkOverrides, LinkSettings
-from netem.tables import STRICT, Positive, PositiveSeconds, Table, nanoseconds
+from netem.tables import STRICT, Positive, PositiveSeconds, Table, nanoseconds, optional
 from netem.timeline import Timeline
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 
 
 class Clock(Table):
-    """``[clock]``: virtual time in lockstep or real time, and the periods of the sampled loop.
+    """``[clock]``: virtual time in lockstep or real time, and the periods of the sampled loop."""
 
-    In real time a robot whose estimate of the plant's clock may be wrong by more than
-    ``sync_bound_s`` is reported.
-    """
-
-    mode: Literal["lockstep", "realtime"] = "lockstep"
-    control_period_s: Positive = 0.001
-    broadcast_period_s: Positive = 0.01
-    sync_bound_s: PositiveSeconds = 0.005
+    mode: Literal["lockstep", "realtime"] = Field(
+        default="lockstep", description="Virtual time, exactly repeatable, or the wall clock."
+    )
+    control_period_s: Positive = Field(
+        default=0.001, description="The law is evaluated, and its command held, for this long."
+    )
+    broadcast_period_s: Positive = Field(
+        default=0.01,
+        description=(
+            "A robot tells its neighbours its state this often; a multiple of control_period_s."
+        ),
+    )
+    sync_bound_s: PositiveSeconds = Field(
+        default=0.005,
+        description=(
+            "In real time, report a robot whose estimate of the plant's clock may be wrong by more."
+        ),
+    )
 
     @property
     def control_period_ns(self) -> int:
@@ -53,17 +63,22 @@ class Clock(Table):
 
 
 class Formation(Table):
-    """``[formation]``: who hears whom (undirected) and the weights b_ji = b_ij.
+    """``[formation]``: who hears whom (undirected) and the weights b_ji = b_ij."""
 
-    ``coupling`` is one number, or a table with one entry per edge, such as
-    ``{ "1-2" = 2.0, "2-3" = 0.5 }``.
-    """
-
-    edges: list[Annotated[tuple[RobotId, RobotId], Field(strict=False)]]
+    edges: list[Annotated[tuple[RobotId, RobotId], Field(strict=False)]] = Field(
+        description="Who hears whom, as pairs of robot ids; edges have no direction."
+    )
     coupling: Annotated[
         Annotated[Positive, Tag("number")] | Annotated[dict[str, Positive], Tag("table")],
         Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
-    ] = 1.0
+    ] = Field(
+        default=1.0,
+        description=(
+            'The weight b of every edge, or a table with one entry per edge: `{ "1-2" = 2.0, "2-3" '
+            "= 0.5 }`."
+        ),
+        json_schema_extra={"unit": "1/s"},
+    )
 
     @cached_property
     def weights(self) -> dict[tuple[int, int], float]:
@@ -80,45 +95,103 @@ class Formation(Table):
 
 
 class W1(Table):
-    """``law.w1``: w1(t) = bias + amplitude · sin(frequency · t)."""
+    """``law.w1``: the excitation w1(t) = bias + amplitude · sin(frequency · t)."""
 
-    bias: float = 0.5
-    amplitude: float = 0.0
-    frequency_radps: NonNegative = 0.0
+    bias: float = Field(
+        default=0.5, description="The constant part.", json_schema_extra={"unit": "rad/s"}
+    )
+    amplitude: float = Field(
+        default=0.0, description="Of the sine.", json_schema_extra={"unit": "rad/s"}
+    )
+    frequency_radps: NonNegative = Field(default=0.0, description="Of the sine.")
 
 
 class LawSettings(Table):
-    """``[law]``: the control law and its parameters, named as in the paper.
+    """``[law]``: the control law and its parameters, named as in the paper."""
 
-    ``kind`` is a built-in law or the name of an installed plug-in; a plug-in
-    finds its own settings in ``parameters``.
-    """
-
-    kind: str = "cooperative"
-    level: Literal["kinematic", "dynamic"] = "dynamic"
-    beta: Positive = 10.0
-    w1: W1 = W1()
-    feedback_gain: Positive = 10.0
-    feedback_shape: Literal["identity", "inertia"] = "inertia"
-    robust: bool = True
-    gamma: Positive = 0.1
-    boundary_layer: Positive = 1.0
-    length_scale_m: Positive = 1.0
-    delta: Literal["corrected", "printed"] = "corrected"
-    cross_term: Literal["printed", "compensated"] = "printed"
-    parameters: dict[str, Any] = {}
+    kind: str = Field(
+        default="cooperative",
+        description=(
+            '"cooperative", "leader_follower", or the name of an installed plug-in (`formnet '
+            "laws`)."
+        ),
+    )
+    level: Literal["kinematic", "dynamic"] = Field(
+        default="dynamic",
+        description="Robots that take velocities (Theorems 1, 2, 5) or torques (3, 4, 6).",
+    )
+    beta: Positive = Field(
+        default=10.0,
+        description="β: couples sideways errors into the turning.",
+        json_schema_extra={"unit": "s"},
+    )
+    w1: W1 = Field(
+        default=W1(),
+        description=(
+            "The excitation, by which the headings turn for ever; zero breaks Assumption 2."
+        ),
+    )
+    feedback_gain: Positive = Field(
+        default=10.0,
+        description="K: how fast velocities follow what the law wants.",
+        json_schema_extra={"unit": "1/s"},
+    )
+    feedback_shape: Literal["identity", "inertia"] = Field(
+        default="inertia",
+        description=(
+            "K as the printed identity, or shaped by the estimated inertia: then feedback_gain is "
+            "a rate."
+        ),
+    )
+    robust: bool = Field(
+        default=True, description="Whether Eq. 31's term against wrong estimates is on."
+    )
+    gamma: Positive = Field(
+        default=0.1,
+        description="γ: the boundary layer shrinks as exp(−γ t).",
+        json_schema_extra={"unit": "1/s"},
+    )
+    boundary_layer: Positive = Field(
+        default=1.0,
+        description="ε: where Eq. 31's robust term stops being a switch; in the law's own units.",
+    )
+    length_scale_m: Positive = Field(
+        default=1.0,
+        description=(
+            "ℓ: positions are measured in units of so many metres; about how far the robots start "
+            "from their places."
+        ),
+    )
+    delta: Literal["corrected", "printed"] = Field(
+        default="corrected",
+        description=(
+            "The sign of Δ in Eq. 19: as the proofs need it, or as it is printed (and diverges)."
+        ),
+    )
+    cross_term: Literal["printed", "compensated"] = Field(
+        default="printed",
+        description=(
+            "Leave w1 z2 z3 in, as printed, or cancel it: then V never rises, but centroids come "
+            "home in Theorems 1 and 3, too."
+        ),
+    )
+    parameters: dict[str, Any] = Field(
+        default={}, description="The settings of a law that is not the built-in one."
+    )
 
 
 class LinkRule(LinkOverrides):
     """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``.
 
-    ``both_ways`` adds the links back.
+    What is not named stays as it is; a ``delay`` or ``loss`` that names its kind is a new one.
     """
 
     model_config = ConfigDict(**STRICT, validate_by_name=True)
-    sources: Robots = Field(alias="from")
-    destinations: Robots = Field(alias="to")
-    both_ways: bool = False
+    sources: Robots = Field(
+        alias="from", description='The senders: an id, a list of ids, or "*" for all.'
+    )
+    destinations: Robots = Field(alias="to", description="The receivers, likewise.")
+    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the rule is about the link from ``source`` to ``destination``."""
@@ -129,8 +202,10 @@ class LinkRule(LinkOverrides):
 class Network(Table):
     """``[network]``: the default of every directed link, and overrides; later ones win."""
 
-    default: LinkSettings = LinkSettings()
-    links: list[LinkRule] = []
+    default: LinkSettings = Field(
+        default=LinkSettings(), description="What every directed link begins with."
+    )
+    links: list[LinkRule] = Field(default=[], description="Changes for some links; later ones win.")
 
     def settings(self, source: int, destination: int) -> LinkSettings:
         """The settings of the link from ``source`` to ``destination``."""
@@ -142,18 +217,31 @@ class Network(Table):
 
 
 class Neighbours(Table):
-    """``[neighbours]``: what a robot does with what it hears.
+    """``[neighbours]``: what a robot does with what it hears."""
 
-    A neighbour from which nothing came for ``silence_s``, by the robot's own clock, is
-    dropped from the law's sums until it is heard again, or its last state is held.
-    ``playout = "fixed"`` holds every message until ``playout_s`` after its stamp and drops
-    later ones (on links whose own ``playout_s`` is 0); ``"latest"`` uses it as it comes.
-    """
-
-    on_silence: Literal["hold", "drop"] = "drop"
-    silence_s: PositiveSeconds = 0.5
-    playout: Literal["latest", "fixed"] = "latest"
-    playout_s: PositiveSeconds | None = None
+    on_silence: Literal["hold", "drop"] = Field(
+        default="drop",
+        description=(
+            "Hold the last state of a neighbour who says nothing, or drop it from the law's sums "
+            "until it is heard again."
+        ),
+    )
+    silence_s: PositiveSeconds = Field(
+        default=0.5,
+        description=(
+            "Silent is from whom nothing usable came for longer than this, by the own clock."
+        ),
+    )
+    playout: Literal["latest", "fixed"] = Field(
+        default="latest",
+        description="Use a message as it comes, or hold each until playout_s after its stamp.",
+    )
+    playout_s: PositiveSeconds | None = Field(
+        default=None,
+        description=(
+            'For "fixed": random delay becomes this constant one, and what comes later is lost.'
+        ),
+    )
 
     @model_validator(mode="after")
     def _needs_a_time(self) -> "Neighbours":
@@ -163,58 +251,82 @@ class Neighbours(Table):
 
 
 class Plant(Table):
-    """``[plant]``: what the body of a robot does whose process is gone, stopped or too slow.
+    """``[plant]``: what the body of a robot does whose process is gone, stopped or too slow."""
 
-    brake
-        its velocities decay with the time constant ``brake_time_s``;
-    coast
-        no torque on the wheels (at the kinematic level: the velocities stay);
-    freeze
-        it stands still at once.
-
-    In real time, a robot whose newest drive is older than ``drive_timeout_s`` brakes.
-    """
-
-    body_on_failure: Literal["brake", "coast", "freeze"] = "brake"
-    brake_time_s: PositiveSeconds = 0.1
-    drive_timeout_s: PositiveSeconds = 0.25
+    body_on_failure: Literal["brake", "coast", "freeze"] = Field(
+        default="brake",
+        description=(
+            "brake: velocities decay; coast: no torque on the wheels (kinematic: the velocities "
+            "stay); freeze: the body stands still at once."
+        ),
+    )
+    brake_time_s: PositiveSeconds = Field(default=0.1, description='Time constant of "brake".')
+    drive_timeout_s: PositiveSeconds = Field(
+        default=0.25, description="In real time, a robot whose newest drive is older brakes."
+    )
 
 
 class Run(Table):
-    """``[run]``: what happens when something goes wrong that nobody planned.
+    """``[run]``: what happens when something goes wrong that nobody planned."""
 
-    A robot's process that dies or loses its connection, or that does not answer within
-    ``patience_s`` of wall time, is lost: the others go on without it, or the run ends.
-    """
-
-    on_unscheduled_loss: Literal["continue", "abort"] = "continue"
-    patience_s: Annotated[float, Field(ge=0.5, le=3600.0)] = 10.0
+    on_unscheduled_loss: Literal["continue", "abort"] = Field(
+        default="continue",
+        description="Go on without a robot that dies or hangs unplanned, or end the run.",
+    )
+    patience_s: Annotated[float, Field(ge=0.5, le=3600.0)] = Field(
+        default=10.0, description="A robot that does not answer within this wall time is lost."
+    )
 
 
 class Vehicle(Table):
-    """What one robot is and what its controller believes: ``[robot_defaults]``.
+    """``[robot_defaults]``: what each robot is, and what its controller believes it to be.
 
-    The middle of the wheel axle is the robot's reference point; the centre of
-    mass lies ``com_offset_m`` ahead of it; ``inertia_kgm2`` is about the centre
-    of mass. The estimates are what the law knows; they default to the truth.
-    ``damping`` is μ_j; ``robust_bound`` is ρ_j, by default ‖a − ā‖.
+    The middle of the wheel axle is the robot's reference point.
     """
 
-    mass_kg: Positive = 1.0
-    inertia_kgm2: Positive = 1.0
-    com_offset_m: float = 0.0
-    mass_estimate_kg: Positive | None = None
-    inertia_estimate_kgm2: Positive | None = None
-    com_offset_estimate_m: float | None = None
-    robust_bound: NonNegative | None = None
-    half_axle_m: Positive = 0.5
-    wheel_radius_m: Positive = 0.2
-    wheel_torque_limit_nm: Positive | None = None
-    linear_friction_nspm: NonNegative = 0.0
-    angular_friction_nmsprad: NonNegative = 0.0
-    disturbance_force_n: float = 0.0
-    disturbance_torque_nm: float = 0.0
-    damping: NonNegative = 0.0
+    mass_kg: Positive = Field(default=1.0, description="Mass.")
+    inertia_kgm2: Positive = Field(
+        default=1.0, description="Moment of inertia about the centre of mass."
+    )
+    com_offset_m: float = Field(
+        default=0.0,
+        description=(
+            "How far the centre of mass lies ahead of the axle's middle, the reference point."
+        ),
+    )
+    mass_estimate_kg: Positive | None = Field(
+        default=None, description="What the law believes; by default the truth."
+    )
+    inertia_estimate_kgm2: Positive | None = Field(
+        default=None, description="What the law believes; by default the truth."
+    )
+    com_offset_estimate_m: float | None = Field(
+        default=None, description="What the law believes; by default the truth."
+    )
+    robust_bound: NonNegative | None = Field(
+        default=None,
+        description=(
+            "ρ: how wrong the estimates may be, in the law's own units; by default ‖a − ā‖."
+        ),
+    )
+    half_axle_m: Positive = Field(default=0.5, description="Half the distance between the wheels.")
+    wheel_radius_m: Positive = Field(default=0.2, description="Radius of the wheels.")
+    wheel_torque_limit_nm: Positive | None = Field(
+        default=None, description="Torques beyond it are cut off; by default there is no limit."
+    )
+    linear_friction_nspm: NonNegative = Field(default=0.0, description="Friction force per speed.")
+    angular_friction_nmsprad: NonNegative = Field(
+        default=0.0, description="Friction torque per turn rate."
+    )
+    disturbance_force_n: float = Field(default=0.0, description="A constant force ahead.")
+    disturbance_torque_nm: float = Field(
+        default=0.0, description="A constant torque that turns left."
+    )
+    damping: NonNegative = Field(
+        default=0.0,
+        description="μ: pulls the robot to its own place; some μ > 0 brings the centroid home.",
+        json_schema_extra={"unit": "1/s"},
+    )
 
     def estimate(self) -> tuple[float, float, float]:
         """(mass, inertia about the centre of mass, centre-of-mass offset) as the law believes."""
@@ -230,22 +342,21 @@ class Vehicle(Table):
 
 
 class Start(Table):
-    """``robots[].start``: the initial pose; robots start at rest."""
+    """``start`` in ``[[robots]]``: the initial pose; robots start at rest."""
 
-    x_m: float
-    y_m: float
-    heading_rad: float = 0.0
+    x_m: float = Field(description="East of the origin.")
+    y_m: float = Field(description="North of the origin.")
+    heading_rad: float = Field(default=0.0, description="From +x, counterclockwise.")
 
 
 class Robot(Table):
-    """``[[robots]]``: id, place in the pattern, start, and what differs from the defaults.
+    """``[[robots]]``: id, place in the pattern, start, and own values of ``[robot_defaults]``."""
 
-    The fields of :class:`Vehicle` may be given here too; see :func:`_robot_model`.
-    """
-
-    id: RobotId
-    offset_m: Annotated[tuple[float, float], Field(strict=False)]
-    start: Start
+    id: RobotId = Field(description="How edges, links and the timeline name the robot.")
+    offset_m: Annotated[tuple[float, float], Field(strict=False)] = Field(
+        description="Its place (p_x, p_y) in the pattern."
+    )
+    start: Start = Field(description="Where it starts, at rest.")
 
     def vehicle(self, defaults: Vehicle) -> Vehicle:
         """This robot's own values over the defaults."""
@@ -260,8 +371,7 @@ class Robot(Table):
 def _robot_model() -> type[Robot]:
     """:class:`Robot` with every field of :class:`Vehicle` as an optional override."""
     overrides: dict[str, Any] = {
-        name: (info.rebuild_annotation() | None, None)
-        for name, info in Vehicle.model_fields.items()
+        name: optional(info) for name, info in Vehicle.model_fields.items()
     }
     return create_model("RobotTable", __base__=Robot, __doc__=Robot.__doc__, **overrides)
 
@@ -275,28 +385,51 @@ else:
 class Expect(Table):
     """``[expect]``: which of Eqs. 3-5 shall hold over the last ``window_s`` of the run.
 
-    ``false`` is a claim too: the run fails if the equation does hold. ``lyapunov`` claims
-    that V (Eq. 22, 34, 40 or 43) never rises beyond its budget, over the whole run.
-    ``window_s`` defaults to a tenth of the run, at least one broadcast period.
+    ``false`` is a claim too: the run fails if the equation does hold.
     """
 
-    formation: bool | None = None
-    heading: bool | None = None
-    centroid: bool | None = None
-    lyapunov: bool | None = None
-    formation_tolerance_m: Positive = 0.05
-    heading_tolerance_rad: Positive = 0.02
-    centroid_tolerance_m: Positive = 0.2
-    window_s: Positive | None = None
+    formation: bool | None = Field(
+        default=None, description="Eq. 3: the pattern, wherever it stands and however it is turned."
+    )
+    heading: bool | None = Field(default=None, description="Eq. 4: headings agree.")
+    centroid: bool | None = Field(
+        default=None, description="Eq. 5: the centroid is that of the pattern."
+    )
+    lyapunov: bool | None = Field(
+        default=None,
+        description="V (Eq. 22, 34, 40 or 43) never rises beyond its budget, over the whole run.",
+    )
+    formation_tolerance_m: Positive = Field(
+        default=0.05, description="Of the largest error between two robots."
+    )
+    heading_tolerance_rad: Positive = Field(
+        default=0.02, description="Of the largest gap between two headings."
+    )
+    centroid_tolerance_m: Positive = Field(
+        default=0.2, description="Of ‖Σx − Σp‖, n times the centroid's distance."
+    )
+    window_s: Positive | None = Field(
+        default=None,
+        description=(
+            "Claims are judged over so much of the end; by default a tenth of the run, at least "
+            "one broadcast period."
+        ),
+    )
 
 
 class Scenario(Table):
     """One run, from a TOML file."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
-    description: str = ""
-    seed: Annotated[int, Field(ge=0)] = 1
-    duration_s: Positive
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)] = Field(
+        description="What the run and its folder are called."
+    )
+    description: str = Field(default="", description="For people.")
+    seed: Annotated[int, Field(ge=0)] = Field(
+        default=1, description="All that is random is drawn by it."
+    )
+    duration_s: Positive = Field(
+        description="How long the run is; a multiple of clock.control_period_s."
+    )
     clock: Clock = Clock()
     formation: Formation
     law: LawSettings = LawSettings()
@@ -305,8 +438,10 @@ class Scenario(Table):
     plant: Plant = Plant()
     run: Run = Run()
     robot_defaults: Vehicle = Vehicle()
-    timeline: list[TimelineAction] = []
-    robots: Annotated[list[RobotTable], Field(min_length=1)]
+    timeline: list[TimelineAction] = Field(
+        default=[], description="What happens in the run, and when."
+    )
+    robots: Annotated[list[RobotTable], Field(min_length=1)] = Field(description="Who takes part.")
     expect: Expect | None = None
     hosts: Hosts | None = None
 

@@ -61,9 +61,15 @@ class LinkSelection(Table):
     ``links`` are directed, as pairs of from and to; ``both_ways`` adds the ways back.
     """
 
-    at_s: Seconds
-    links: Links = "*"
-    both_ways: bool = False
+    at_s: Seconds = Field(description="When.")
+    links: Links = Field(
+        default="*",
+        description=(
+            'Directed links as `[[from, to], ...]`, each end an id, a list of ids or "*"; "*" '
+            "alone: all."
+        ),
+    )
+    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the action is about the link from ``source`` to ``destination``."""

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 import click
 
 from lab.build import stale
+from lab.completion import run_folders, toml_files
 
 _EXTRA = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
 
@@ -25,11 +26,20 @@ def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
         raise click.BadParameter(str(error)) from None
 
 
-SCENARIO = click.argument("scenario", callback=_scenario, metavar="SCENARIO")
-RUNS = click.argument(
-    "folders", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path)
+SCENARIO = click.argument(
+    "scenario", callback=_scenario, metavar="SCENARIO", shell_complete=toml_files
 )
-FOLDER = click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+RUNS = click.argument(
+    "folders",
+    nargs=-1,
+    required=True,
+    metavar="RUN...",
+    type=click.Path(path_type=Path),
+    shell_complete=run_folders,
+)
+FOLDER = click.argument(
+    "folder", metavar="RUN", type=click.Path(path_type=Path), shell_complete=run_folders
+)
 INLINE_RUNS = click.option(
     "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
 )
@@ -238,6 +248,114 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
     from lab.check import check_scenario
 
     sys.exit(check_scenario(scenario, overrides))
+
+
+@main.command()
+@click.argument("name")
+@click.option(
+    "--robots",
+    type=click.IntRange(2, 100),
+    metavar="N",
+    help="How many.  [default: 5, or as many as FILE has places for]",
+)
+@click.option(
+    "--pattern",
+    default="circle",
+    show_default=True,
+    metavar="circle|line|wedge|grid|FILE",
+    help="Where the robots shall stand; FILE: CSV with x_m,y_m, one row for each robot.",
+)
+@click.option(
+    "--graph",
+    type=click.Choice(("ring", "path", "complete", "star", "random")),
+    default="ring",
+    show_default=True,
+    help="Who hears whom.",
+)
+@click.option(
+    "--network",
+    default="perfect",
+    show_default=True,
+    metavar="PRESET",
+    help="What each link is like: perfect, lan, wifi, wifi-congested, lte, satellite, robot-link.",
+)
+@click.option(
+    "--spacing",
+    "spacing_m",
+    type=click.FloatRange(0.01, 1e4),
+    metavar="M",
+    help="Between neighbours in the pattern, in metres; not with FILE  [default: 1.0]",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Draws starts, random graphs, and what links do.",
+)
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: NAME.toml]")
+@click.option(
+    "--mode",
+    type=click.Choice(("lockstep", "realtime")),
+    default="lockstep",
+    show_default=True,
+    help="Virtual time, exactly repeatable, or the wall clock.",
+)
+def new(
+    name: str,
+    robots: int | None,
+    pattern: str,
+    graph: str,
+    network: str,
+    spacing_m: float | None,
+    seed: int,
+    out: Path | None,
+    mode: str,
+) -> None:
+    """Write a scenario to begin with: NAME.toml, with comments.
+
+    Its gains and periods suit the pattern, the graph and the number of robots. A file is never
+    overwritten. scenario.schema.json is put beside it, by which editors complete and check.
+    """
+    from lab.new import CannotWrite, Wish, write
+
+    try:
+        path = write(Wish(name, robots, pattern, graph, network, spacing_m, seed, mode), out)
+    except CannotWrite as error:
+        _fail(2, str(error))
+    click.echo(f"wrote {path}; next: formnet check {path}, formnet run {path}")
+
+
+@main.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: standard output]"
+)
+def schema(out: Path | None) -> None:
+    """Print the JSON Schema of scenarios, for editors."""
+    from lab.schema import text
+
+    if out is None:
+        click.echo(text(), nl=False)
+        return
+    try:
+        out.write_text(text(), encoding="utf-8")
+    except OSError as error:
+        _fail(2, f"--out {out}: {error.strerror}")
+
+
+@main.command()
+@click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
+def completion(shell: str) -> None:
+    """Print what SHELL must evaluate to complete formnet.
+
+    \b
+    bash: echo 'eval "$(formnet completion bash)"' >> ~/.bashrc
+    zsh:  echo 'eval "$(formnet completion zsh)"' >> ~/.zshrc
+    fish: formnet completion fish > ~/.config/fish/completions/formnet.fish
+    """
+    from lab.completion import script
+
+    click.echo(script(main, shell))
 
 
 @main.command()

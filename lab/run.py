@@ -17,8 +17,7 @@ from agent.law import accepts
 from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
-from formation.theory import assess
-from lab import live, lyapunov, verdict
+from lab import live, lyapunov, stiffness, verdict
 from lab.execution import execute
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
@@ -58,7 +57,7 @@ def run_scenario(
             "--set clock.mode=lockstep, or leave --inline out", soft_wrap=True,
         )  # fmt: skip
         return BAD_INPUT
-    for warning in assess(scenario).warnings:
+    for warning in stiffness.warnings(scenario):
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     try:
         hosts = None if inline else where.hosts(scenario)

@@ -4,7 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from netem import distributions
 from netem.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
@@ -22,11 +22,17 @@ from netem.tables import (
 )
 
 
+def _names_its_kind(schema: dict[str, Any]) -> None:
+    """In a file ``distribution`` is required, although in Python it has a default."""
+    schema["required"] = ["distribution"]
+
+
 class ConstantDelaySettings(Table):
     """``delay = { distribution = "constant", mean_s = 0.1 }``"""
 
-    distribution: Literal["constant"] = "constant"
-    mean_s: Seconds = 0.0
+    model_config = ConfigDict(json_schema_extra=_names_its_kind)
+    distribution: Literal["constant"] = Field(default="constant", description="The same for all.")
+    mean_s: Seconds = Field(default=0.0, description="Mean.")
 
     @property
     def range_ns(self) -> tuple[int, int | None]:
@@ -44,10 +50,13 @@ class ConstantDelaySettings(Table):
 class UniformDelaySettings(Table):
     """``delay = { distribution = "uniform", low_s = 0.05, high_s = 0.3 }``"""
 
-    distribution: Literal["uniform"]
-    low_s: Seconds
-    high_s: Seconds
-    correlation: Correlation = 0.0
+    distribution: Literal["uniform"] = Field(description="Between two ends, both included.")
+    low_s: Seconds = Field(description="Shortest delay.")
+    high_s: Seconds = Field(description="Longest delay.")
+    correlation: Correlation = Field(
+        default=0.0,
+        description="Lag-1 correlation of successive delays; their distribution stays what it is.",
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> "UniformDelaySettings":
@@ -71,8 +80,11 @@ class UniformDelaySettings(Table):
 class _RandomDelaySettings(Table):
     """What all unbounded distributions share: ``offset_s`` is added to every draw."""
 
-    offset_s: Seconds = 0.0
-    correlation: Correlation = 0.0
+    offset_s: Seconds = Field(default=0.0, description="Added to every draw.")
+    correlation: Correlation = Field(
+        default=0.0,
+        description="Lag-1 correlation of successive delays; their distribution stays what it is.",
+    )
 
     @property
     def range_ns(self) -> tuple[int, int | None]:
@@ -94,9 +106,11 @@ class _RandomDelaySettings(Table):
 class NormalDelaySettings(_RandomDelaySettings):
     """``{ distribution = "normal", mean_s = 0.05, stddev_s = 0.01 }``, truncated at zero."""
 
-    distribution: Literal["normal"]
-    mean_s: PositiveSeconds
-    stddev_s: PositiveSeconds
+    distribution: Literal["normal"] = Field(
+        description="Normal, truncated at zero; its numbers are those before the truncation."
+    )
+    mean_s: PositiveSeconds = Field(description="Mean.")
+    stddev_s: PositiveSeconds = Field(description="Standard deviation.")
 
     def law(self) -> distributions.Distribution:
         return distributions.Normal(self.mean_s, self.stddev_s)
@@ -105,9 +119,11 @@ class NormalDelaySettings(_RandomDelaySettings):
 class LogNormalDelaySettings(_RandomDelaySettings):
     """``{ distribution = "lognormal", mean_s = 0.05, stddev_s = 0.01 }`` of the delay itself."""
 
-    distribution: Literal["lognormal"]
-    mean_s: PositiveSeconds
-    stddev_s: PositiveSeconds
+    distribution: Literal["lognormal"] = Field(
+        description="Lognormal: mean and standard deviation of the delay itself."
+    )
+    mean_s: PositiveSeconds = Field(description="Mean.")
+    stddev_s: PositiveSeconds = Field(description="Standard deviation.")
 
     def law(self) -> distributions.Distribution:
         return distributions.LogNormal(self.mean_s, self.stddev_s)
@@ -116,9 +132,11 @@ class LogNormalDelaySettings(_RandomDelaySettings):
 class GammaDelaySettings(_RandomDelaySettings):
     """``{ distribution = "gamma", mean_s = 0.05, stddev_s = 0.01 }``"""
 
-    distribution: Literal["gamma"]
-    mean_s: PositiveSeconds
-    stddev_s: PositiveSeconds
+    distribution: Literal["gamma"] = Field(
+        description="Gamma: mean and standard deviation of the delay itself."
+    )
+    mean_s: PositiveSeconds = Field(description="Mean.")
+    stddev_s: PositiveSeconds = Field(description="Standard deviation.")
 
     @model_validator(mode="after")
     def _computable(self) -> "GammaDelaySettings":
@@ -132,9 +150,9 @@ class GammaDelaySettings(_RandomDelaySettings):
 class WeibullDelaySettings(_RandomDelaySettings):
     """``{ distribution = "weibull", scale_s = 0.05, shape = 1.5 }``"""
 
-    distribution: Literal["weibull"]
-    scale_s: PositiveSeconds
-    shape: Shape
+    distribution: Literal["weibull"] = Field(description="P(X > x) = exp(−(x/scale)^shape).")
+    scale_s: PositiveSeconds = Field(description="The scale.")
+    shape: Shape = Field(description="The shape.")
 
     def law(self) -> distributions.Distribution:
         return distributions.Weibull(self.scale_s, self.shape)
@@ -143,9 +161,9 @@ class WeibullDelaySettings(_RandomDelaySettings):
 class ParetoDelaySettings(_RandomDelaySettings):
     """``{ distribution = "pareto", minimum_s = 0.02, shape = 3.0 }``"""
 
-    distribution: Literal["pareto"]
-    minimum_s: PositiveSeconds
-    shape: Shape
+    distribution: Literal["pareto"] = Field(description="P(X > x) = (minimum/x)^shape.")
+    minimum_s: PositiveSeconds = Field(description="The shortest delay.")
+    shape: Shape = Field(description="The shape; the smaller, the heavier the tail.")
 
     @model_validator(mode="after")
     def _has_variance(self) -> "ParetoDelaySettings":
@@ -163,8 +181,10 @@ class ParetoDelaySettings(_RandomDelaySettings):
 class ExponentialDelaySettings(_RandomDelaySettings):
     """``{ distribution = "exponential", mean_s = 0.01, offset_s = 0.02 }``"""
 
-    distribution: Literal["exponential"]
-    mean_s: PositiveSeconds
+    distribution: Literal["exponential"] = Field(
+        description="Exponential: offset plus mean on average."
+    )
+    mean_s: PositiveSeconds = Field(description="Mean.")
 
     def law(self) -> distributions.Distribution:
         return distributions.Exponential(self.mean_s)
@@ -176,9 +196,16 @@ class EmpiricalDelaySettings(FromFile):
     The file has one number (seconds) per line; a first line that is none is a header.
     """
 
-    distribution: Literal["empirical"]
-    samples_s: Annotated[list[Seconds], Field(min_length=1)]
-    correlation: Correlation = 0.0
+    distribution: Literal["empirical"] = Field(
+        description="One of your measurements, each equally likely."
+    )
+    samples_s: Annotated[list[Seconds], Field(min_length=1)] = Field(
+        description="The measurements."
+    )
+    correlation: Correlation = Field(
+        default=0.0,
+        description="Lag-1 correlation of successive delays; their distribution stays what it is.",
+    )
 
     @classmethod
     def columns(cls, path: Path) -> dict[str, Any]:
@@ -207,10 +234,18 @@ class TraceDelaySettings(FromFile):
     from the first.
     """
 
-    distribution: Literal["trace"]
-    times_s: Annotated[list[Annotated[float, Field(ge=0.0)]], Field(min_length=1)]
-    delays_s: Annotated[list[Seconds], Field(min_length=1)]
-    period_s: Positive | None = None
+    distribution: Literal["trace"] = Field(description="Replayed by the clock, in a loop.")
+    times_s: Annotated[list[Annotated[float, Field(ge=0.0)]], Field(min_length=1)] = Field(
+        description="When each delay begins, from the first."
+    )
+    delays_s: Annotated[list[Seconds], Field(min_length=1)] = Field(description="The delays.")
+    period_s: Positive | None = Field(
+        default=None,
+        description=(
+            "When the trace begins anew; by default the last row lasts as long as the one before "
+            "it."
+        ),
+    )
 
     @classmethod
     def columns(cls, path: Path) -> dict[str, Any]:

@@ -14,9 +14,14 @@ from netem.tables import Correlation, FromFile, Probability, Table, read_numbers
 class RandomLossSettings(Table):
     """``loss = { model = "random", probability = 0.01, correlation = 0.25 }``"""
 
-    model: Literal["random"] = "random"
-    probability: Probability = 0.0
-    correlation: Correlation = 0.0
+    model: Literal["random"] = Field(
+        default="random", description="Each message by itself, or in runs."
+    )
+    probability: Probability = Field(default=0.0, description="Share of messages that are lost.")
+    correlation: Correlation = Field(
+        default=0.0,
+        description="Lag-1 correlation of successive losses; the share stays what it is.",
+    )
 
     @property
     def never(self) -> bool:
@@ -30,11 +35,15 @@ class RandomLossSettings(Table):
 class GilbertElliottSettings(Table):
     """``{ model = "gilbert_elliott", p = 0.01, r = 0.2, loss_in_bad = 1.0 }``"""
 
-    model: Literal["gilbert_elliott"]
-    p: Probability
-    r: Probability | None = None
-    loss_in_bad: Probability = 1.0
-    loss_in_good: Probability = 0.0
+    model: Literal["gilbert_elliott"] = Field(
+        description="Good and bad stretches: tc-netem's `gemodel p r 1-h 1-k`."
+    )
+    p: Probability = Field(description="Chance of good turning bad, at each message.")
+    r: Probability | None = Field(
+        default=None, description="Chance of bad turning good; by default 1 − p."
+    )
+    loss_in_bad: Probability = Field(default=1.0, description="Chance of loss in a bad stretch.")
+    loss_in_good: Probability = Field(default=0.0, description="Chance of loss in a good stretch.")
 
     @property
     def never(self) -> bool:
@@ -48,12 +57,20 @@ class GilbertElliottSettings(Table):
 class FourStateSettings(Table):
     """``{ model = "four_state", p13 = 0.01, p31 = 0.3, p32 = 0.1, p23 = 0.5, p14 = 0.001 }``"""
 
-    model: Literal["four_state"]
-    p13: Probability
-    p31: Probability | None = None
-    p32: Probability = 0.0
-    p23: Probability = 1.0
-    p14: Probability = 0.0
+    model: Literal["four_state"] = Field(
+        description="tc-netem's `state`: 1 good, 2 good in a burst, 3 lost in a burst, 4 lost."
+    )
+    p13: Probability = Field(description="Chance of a burst's beginning.")
+    p31: Probability | None = Field(
+        default=None, description="Chance of a burst's end; by default 1 − p13."
+    )
+    p32: Probability = Field(
+        default=0.0, description="Chance of a message that arrives within a burst."
+    )
+    p23: Probability = Field(
+        default=1.0, description="Chance of going back to loss within a burst."
+    )
+    p14: Probability = Field(default=0.0, description="Chance of a single loss.")
 
     @model_validator(mode="after")
     def _sums(self) -> "FourStateSettings":
@@ -72,8 +89,10 @@ class FourStateSettings(Table):
 class TraceLossSettings(FromFile):
     """``{ model = "trace", losses = [0, 0, 1] }`` (1: lost), or ``file = "losses.csv"``; loops."""
 
-    model: Literal["trace"]
-    losses: Annotated[list[Literal[0, 1]], Field(min_length=1)]
+    model: Literal["trace"] = Field(description="By a list, in a loop.")
+    losses: Annotated[list[Literal[0, 1]], Field(min_length=1)] = Field(
+        description="1: lost, 0: not, message by message."
+    )
 
     @classmethod
     def columns(cls, path: Path) -> dict[str, Any]:
@@ -91,8 +110,8 @@ class TraceLossSettings(FromFile):
 class EveryNthLossSettings(Table):
     """``{ model = "every_nth", n = 10 }``: the 10th, the 20th and so on are lost."""
 
-    model: Literal["every_nth"]
-    n: Annotated[int, Field(ge=1)]
+    model: Literal["every_nth"] = Field(description="By count.")
+    n: Annotated[int, Field(ge=1)] = Field(description="Every so many messages one is lost.")
 
     @property
     def never(self) -> bool:

@@ -6,11 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from pydantic import (
     Discriminator,
     Field,
+    GetJsonSchemaHandler,
     Tag,
     ValidationError,
     field_validator,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from netem.corrupt import Corrupt
 from netem.delay_settings import ConstantDelaySettings, DelaySettings
@@ -40,45 +43,59 @@ from netem.tables import (
 class DuplicateSettings(Table):
     """``duplicate = { probability = 0.01 }``"""
 
-    probability: Probability = 0.0
+    probability: Probability = Field(
+        default=0.0, description="Share of messages of which a second copy is sent."
+    )
 
 
 class CorruptSettings(Table):
     """``corrupt = { probability = 0.001 }``"""
 
-    probability: Probability = 0.0
+    probability: Probability = Field(
+        default=0.0, description="Share of messages in which one bit is flipped."
+    )
 
 
 class ReorderSettings(Table):
     """``reorder = { probability = 0.25, gap = 5 }``"""
 
-    probability: Probability = 0.0
-    gap: Annotated[int, Field(ge=1)] = 1
+    probability: Probability = Field(
+        default=0.0, description="Share of messages that skip delay and rate."
+    )
+    gap: Annotated[int, Field(ge=1)] = Field(
+        default=1, description="Only every so many messages may."
+    )
 
 
 class RateSettings(Table):
     """``rate = { bits_per_s = 1_000_000, overhead_bytes = 38 }``; 0 bits_per_s: no limit."""
 
-    bits_per_s: Count = 0
-    overhead_bytes: Count = 0
-    cell_bytes: Count = 0
-    cell_overhead_bytes: Count = 0
+    bits_per_s: Count = Field(default=0, description="Never exceeded; 0: no limit.")
+    overhead_bytes: Count = Field(default=0, description="Added to every message.")
+    cell_bytes: Count = Field(
+        default=0, description="Messages fill whole cells of this size; 0: no cells."
+    )
+    cell_overhead_bytes: Count = Field(default=0, description="Added to every cell.")
 
 
 class QueueSettings(Table):
     """``queue = { messages = 1000, bytes = 64_000 }``; 0: no limit."""
 
-    messages: Count = 0
-    bytes: Count = 0
+    messages: Count = Field(
+        default=0, description="What finds so many under way is lost; 0: no limit."
+    )
+    bytes: Count = Field(default=0, description="Likewise for bytes.")
 
 
 class SlotsSettings(Table):
     """``slots = { min_s = 0.001, max_s = 0.002, messages = 8, bytes = 1500 }``; max_s = 0: none."""
 
-    min_s: Seconds = 0.0
-    max_s: Seconds = 0.0
-    messages: Count = 0
-    bytes: Count = 0
+    min_s: Seconds = Field(default=0.0, description="Shortest time between two slots.")
+    max_s: Seconds = Field(default=0.0, description="Longest time between two slots; 0: no slots.")
+    messages: Count = Field(default=0, description="At most so many leave in a slot; 0: no limit.")
+    bytes: Count = Field(
+        default=0, description="At most so many bytes leave in a slot; 0: no limit."
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> "SlotsSettings":
@@ -113,6 +130,18 @@ class _Preset(Table):
             raise ValueError(f"preset {name!r} is none of {', '.join(PRESETS)}")
         rest = {key: value for key, value in data.items() if key != "preset"}
         return _merged(_merged(PRESETS["ideal"], PRESETS[name]), rest)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        schema = handler.resolve_ref_schema(handler(core))
+        preset = {
+            "enum": list(PRESETS),
+            "description": "Begin with a named link; what is named beside it wins.",
+        }
+        schema["properties"] = {"preset": preset} | schema["properties"]
+        return schema
 
 
 if TYPE_CHECKING:
@@ -157,22 +186,30 @@ class LinkOverrides(_Preset):
             _whole_or_part("distribution"),
         ]
         | None
-    ) = None
+    ) = Field(default=None, description="The delay of messages.")
     loss: (
         Annotated[
             Annotated[LossSettings, Tag("whole")] | Annotated[LossPart, Tag("part")],
             _whole_or_part("model"),
         ]
         | None
-    ) = None
+    ) = Field(default=None, description="Which messages are lost.")
     duplicate: DuplicatePart | None = None
     corrupt: CorruptPart | None = None
     reorder: ReorderPart | None = None
     rate: RatePart | None = None
     queue: QueuePart | None = None
     slots: SlotsPart | None = None
-    keep_order: bool | None = None
-    playout_s: Seconds | None = None
+    keep_order: bool | None = Field(
+        default=None, description="Whether nothing arrives before what was sent earlier."
+    )
+    playout_s: Seconds | None = Field(
+        default=None,
+        description=(
+            "Deliver everything this long after its stamp, and lose what comes later; 0: as it "
+            "comes."
+        ),
+    )
 
     def named(self) -> dict[str, Any]:
         """The tables and values that are named, by key."""
@@ -193,21 +230,41 @@ class SettingError(ValueError):
 
 
 class LinkSettings(_Preset):
-    """All settings of one direction of a link; the default is an ideal link.
+    """All settings of one direction of a link; the default is an ideal link."""
 
-    ``playout_s`` = 0 means no playout buffer.
-    """
-
-    delay: DelaySettings = ConstantDelaySettings()
-    loss: LossSettings = RandomLossSettings()
+    delay: DelaySettings = Field(
+        default=ConstantDelaySettings(), description="The delay of messages."
+    )
+    loss: LossSettings = Field(default=RandomLossSettings(), description="Which messages are lost.")
     duplicate: DuplicateSettings = DuplicateSettings()
     corrupt: CorruptSettings = CorruptSettings()
     reorder: ReorderSettings = ReorderSettings()
     rate: RateSettings = RateSettings()
     queue: QueueSettings = QueueSettings()
     slots: SlotsSettings = SlotsSettings()
-    keep_order: bool = False
-    playout_s: Seconds = 0.0
+    keep_order: bool = Field(
+        default=False, description="Whether nothing arrives before what was sent earlier."
+    )
+    playout_s: Seconds = Field(
+        default=0.0,
+        description=(
+            "Deliver everything this long after its stamp, and lose what comes later; 0: as it "
+            "comes."
+        ),
+    )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        schema = super().__get_pydantic_json_schema__(core, handler)
+        keys = schema["properties"]
+        alone = {"delay": {"required": ["distribution"]}, "loss": dict(keys["loss"])}
+        for key, part in (("delay", DelayPart), ("loss", LossPart)):  # what changes a preset
+            keys[key]["anyOf"] = [
+                {"anyOf": keys[key].pop("anyOf")}, handler(part.__pydantic_core_schema__),
+            ]  # fmt: skip
+        return schema | {"if": {"required": ["preset"]}, "else": {"properties": alone}}
 
     @field_validator("loss", mode="before")
     @classmethod

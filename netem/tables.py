@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -40,14 +51,21 @@ def members(union: Any) -> tuple[type[Table], ...]:
     return typing.get_args(typing.get_args(union)[0])
 
 
+def optional(info: FieldInfo) -> tuple[Any, Any]:
+    """A field as :func:`pydantic.create_model` takes it: like ``info``, but None by default."""
+    again: Any = Field(None, description=info.description, json_schema_extra=info.json_schema_extra)
+    return info.rebuild_annotation() | None, again
+
+
 def part_of(*tables: type[Table], leave_out: str = "") -> type[Part]:
     """A :class:`Part` that may name any key of ``tables``, but for ``leave_out``."""
     keys: dict[str, Any] = {}
     for table in tables:
         for name, info in table.model_fields.items():
             if name != leave_out:
-                keys.setdefault(name, (info.rebuild_annotation() | None, None))
-    return create_model(f"PartOf{tables[0].__name__}", __base__=Part, **keys)
+                keys.setdefault(name, optional(info))
+    words = tables[0].__doc__ if len(tables) == 1 else None
+    return create_model(f"PartOf{tables[0].__name__}", __base__=Part, __doc__=words, **keys)
 
 
 class FromFile(Table):
@@ -66,6 +84,24 @@ class FromFile(Table):
             raise ValueError(f"file {data['file']}: may only be named in a file; give the numbers")
         rest = {key: value for key, value in data.items() if key != "file"}
         return rest | cls.columns(Path(folder, str(data["file"])))
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        schema = handler.resolve_ref_schema(handler(core))
+        required = schema.get("required", [])
+        kind = [name for name in required if "const" in schema["properties"][name]]
+        schema["anyOf"] = [{"required": required}, {"required": [*kind, "file"]}]
+        schema["required"] = kind
+        schema["properties"]["file"] = {
+            "type": "string",
+            "description": (
+                "A CSV file instead of the lists, one column each, from the scenario's folder; "
+                "a first row of words is a header."
+            ),
+        }
+        return schema
 
     @classmethod
     def columns(cls, path: Path) -> dict[str, Any]:

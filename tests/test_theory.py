@@ -159,7 +159,7 @@ def test_both_assumptions_broken_are_both_named(paper):
 
 # --- what no theorem covers -----------------------------------------------------------
 
-GAPS = [
+IMPERFECT = [
     ("theorem6", [UNIFORM], ["not constant", "from 2 to 1"]),
     ("theorem4", ["network.default.loss={probability=0.01}"], ["loses messages"]),
     (
@@ -167,6 +167,8 @@ GAPS = [
         ["network.links=[{from=[3], to=[4], loss={probability=0.01}}]"],
         ["from 3 to 4 loses messages"],
     ),
+]
+GAPS = [
     ("theorem4", ["law.delta=printed"], ["Eq. 19"]),
     ("theorem4", ["law.kind=bang-bang"], ["bang-bang"]),
     (
@@ -196,7 +198,23 @@ def test_expecting_what_no_theorem_covers_is_warned_of(paper, name, overrides, w
     assert silent.warnings == []
 
 
-@pytest.mark.parametrize(("name", "overrides", "words"), GAPS)
+@pytest.mark.parametrize(("name", "overrides", "words"), IMPERFECT)
+def test_an_imperfect_network_is_what_runs_are_for(paper, name, overrides, words):
+    assessment = assess(paper(name, *overrides))
+    no_theorem(assessment, *words)
+    assert assessment.warnings == []
+
+
+def test_an_imperfect_network_hides_nothing_else(paper):
+    assessment = assess(paper("theorem3", "expect.centroid=true", UNIFORM))
+    warning_with(assessment, "expect.centroid", "positive damping")
+    assert len(assessment.warnings) == 1
+    assessment = assess(paper("theorem6", UNIFORM, "law.delta=printed"))
+    no_theorem(assessment, "not constant", "Eq. 19")
+    warning_with(assessment, "[expect]", "no theorem covers", "Eq. 19")
+
+
+@pytest.mark.parametrize(("name", "overrides", "words"), [*GAPS, *IMPERFECT])
 def test_expecting_nothing_true_claims_nothing(paper, name, overrides, words):
     denied = [f"expect.{claim}=false" for claim in CLAIMS]
     assert assess(paper(name, *overrides, *denied)).warnings == []

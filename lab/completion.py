@@ -1,0 +1,39 @@
+"""What the shell completes after ``formnet``; :mod:`click.shell_completion` does the rest."""
+
+from pathlib import Path
+
+import click
+from click.shell_completion import CompletionItem, get_completion_class
+
+
+def script(command: click.Command, shell: str) -> str:
+    """What ``shell`` must evaluate so that it completes ``formnet``."""
+    kind = get_completion_class(shell)
+    assert kind is not None
+    return kind(command, {}, "formnet", "_FORMNET_COMPLETE").source()
+
+
+def toml_files(
+    context: click.Context, parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """TOML files, and the folders on the way to them."""
+    folder, _, start = incomplete.rpartition("/")
+    place = f"{folder}/" if "/" in incomplete else ""
+    try:
+        found = sorted(Path(place or ".").iterdir())
+    except OSError:
+        return []
+    found = [path for path in found if path.name.startswith(start)]
+    files = [path for path in found if path.suffix == ".toml" and path.is_file()]
+    if not files:  # the shell completes folders better itself: without a space behind
+        return [CompletionItem(incomplete, type="dir")]
+    folders = [path for path in found if path.is_dir() and not path.name.startswith(".")]
+    names = [path.name for path in files] + [f"{path.name}/" for path in folders]
+    return [CompletionItem(place + name) for name in names]
+
+
+def run_folders(
+    context: click.Context, parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """Folders; the shell finds them itself."""
+    return [CompletionItem(incomplete, type="dir")]

@@ -1,0 +1,141 @@
+"""The warning where gains and control period will not get along, against runs that break."""
+
+from math import inf
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.law import Command
+from formation.loading import load
+from formation.theory import assess
+from lab import inline, stiffness
+from lab.cli import main
+from lab.recording import Collected
+from lab.stiffness import LIMIT, course, longest_period_s, warnings
+
+COMPLETE = "formation.edges=[[1,2],[1,3],[1,4],[1,5],[2,3],[2,4],[2,5],[3,4],[3,5],[4,5]]"
+STAR = "formation.edges=[[1,2],[1,3],[1,4],[1,5]]"
+DELAYED = "paper/section5-delay.toml"
+LOCKSTEP = "clock.mode=lockstep"
+FAMILIES = {
+    "ring": ("paper/section5.toml", (), 5.8e-3),
+    "ring, delayed": (DELAYED, (), 9.0e-3),
+    "complete graph": (DELAYED, (COMPLETE,), 2.66e-3),
+    "star": (DELAYED, (STAR,), 6.0e-3),
+    "half the length scale": (DELAYED, ("law.length_scale_m=50.0",), 16e-3),
+    "kinematic": ("paper/theorem2.toml", (), 53e-3),
+    "yard": ("yard.toml", (LOCKSTEP,), 240e-3),
+    "yard, larger beta": ("yard.toml", (LOCKSTEP, "law.beta=6.0"), 126e-3),
+}
+"""Scenarios, and the control period (s) at which their runs were found to break."""
+
+
+def sampled(root, family, factor):
+    """The family's scenario at ``factor`` times the period at which its runs break."""
+    file, overrides, breaks_at_s = FAMILIES[family]
+    path = root / "configs" / file
+    period_s = float(f"{factor * breaks_at_s:.3g}")
+    broadcast_s = period_s * max(1, round(load(path).clock.broadcast_period_s / period_s))
+    return load(path, [
+        *overrides, f"clock.control_period_s={period_s!r}",
+        f"clock.broadcast_period_s={broadcast_s!r}",
+        f"duration_s={period_s * round(8.0 / period_s)!r}", "neighbours.silence_s=5.0",
+    ])  # fmt: skip
+
+
+def breaks(scenario):
+    """Whether the run diverges, or robots still whirl at its end (in the pattern: 0.5 rad/s)."""
+    collected = Collected(scenario)
+    if inline.run(scenario, "x", collected).kind == "diverged":
+        return True
+    return bool(abs(collected.latest().states[..., 4]).max() > 20.0)
+
+
+def too_long(scenario):
+    return scenario.clock.control_period_s > longest_period_s(course(scenario))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_warning_begins_within_a_factor_of_two_of_where_runs_break(root, family):
+    assert not breaks(sampled(root, family, 0.85))
+    assert breaks(sampled(root, family, 1.15))
+    assert not too_long(sampled(root, family, 0.5))
+    assert too_long(sampled(root, family, 2.0))
+
+
+def shipped(root):
+    found = sorted((root / "configs").rglob("*.toml"))
+    return [path for path in found if path.name != "wifi.toml"]  # the bridge's
+
+
+def test_no_shipped_scenario_is_warned_of_its_period(root):
+    paths = shipped(root)
+    assert len(paths) >= 12
+    for path in paths:
+        scenario = load(path)
+        assert warnings(scenario) == assess(scenario).warnings, path
+
+
+def test_check_and_run_warn_with_numbers_that_help(root, tmp_path):
+    def said(command, *overrides):
+        changes = [word for override in overrides for word in ("--set", override)]
+        path = str(root / "configs" / "paper" / "section5.toml")
+        result = CliRunner().invoke(main, [*command, path, *changes])
+        return result.output
+
+    slow = "clock.control_period_s=0.01"
+    checked = said(["check"], slow)
+    words = "warning: clock.control_period_s = 0.01: too long for these gains"
+    advice = "Try control_period_s <= 0.0025, or law.beta <= "
+    assert words in checked
+    assert advice in checked
+    beta = checked.partition(advice)[2].split()[0]
+    assert "too long" not in said(["check"], "clock.control_period_s=0.0025")
+    assert "too long" not in said(["check"], slow, f"law.beta={beta}")
+    (tmp_path / "full").touch()  # the run ends before it begins, but not before it warns
+    assert words in said(["run", "--inline", "--out", str(tmp_path)], slow)
+
+
+def test_a_law_that_raises_is_the_run_s_business(root, monkeypatch):
+    class Broken:
+        def command(self, now_ns, own, heard):
+            raise ZeroDivisionError
+
+    scenario = load(root / "configs" / "yard.toml")
+    monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Broken())
+    assert warnings(scenario) == assess(scenario).warnings
+
+
+def test_any_law_is_looked_at(root, monkeypatch):
+    """A turn rate of −k θ under zero-order hold is stable up to h = 2 / k."""
+
+    class Turning:
+        def command(self, now_ns, own, heard):
+            return Command(0.0, -8.0 * own.heading_rad)
+
+    scenario = load(root / "configs" / "paper" / "theorem1.toml")
+    monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Turning())
+    assert longest_period_s(course(scenario)) == pytest.approx(2.0 / 8.0)
+
+
+RATES = st.floats(1e-3, 1e9)
+LASTS = st.floats(1e-9, 1e3)
+
+
+@given(st.lists(st.tuples(RATES, LASTS), max_size=20))
+def test_a_period_is_short_enough_while_what_is_too_fast_for_it_ends_within_one(looks):
+    longest_s = longest_period_s(looks)
+    shorter_s = 0.999 * longest_s if longest_s < inf else 1e9
+    fast_s = sum(lasts for rate, lasts in looks if rate * shorter_s > LIMIT)
+    assert fast_s <= shorter_s
+    if longest_s < inf:
+        reached_s = sum(lasts for rate, lasts in looks if rate * longest_s >= 0.999 * LIMIT)
+        assert reached_s >= 0.999 * longest_s
+
+
+def test_too_short_a_peak_does_no_harm():
+    assert longest_period_s([(10.0, 1.0), (1e4, 1e-5)]) == pytest.approx(0.2)
+    assert longest_period_s([(10.0, 1.0), (1e4, 1e-3)]) == pytest.approx(2e-4)
+    assert longest_period_s([]) == inf
