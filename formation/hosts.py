@@ -2,7 +2,6 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -12,25 +11,31 @@ from netem.tables import Table
 
 
 class Host(Table):
-    """``[[hosts]]``: a machine and the robots it runs.
+    """``[[hosts]]``: a machine and the robots it runs."""
 
-    ``ssh`` is where to reach it (``user@address:port``, as in ~/.ssh/config or not);
-    ``python`` the interpreter there of an environment with formnet in it; ``keys`` the folder
-    of keys there, with the certificates of its robots.
-    """
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
-    ssh: Annotated[str, Field(min_length=1)]
-    robots: Annotated[list[RobotId], Field(min_length=1)]
-    python: str = "python3"
-    keys: str | None = None
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80, description="What it is called."
+    )
+    ssh: str = Field(
+        min_length=1, description="`user@address:port`, or a name that ~/.ssh/config knows."
+    )
+    robots: list[RobotId] = Field(min_length=1, description="Ids of those that run there.")
+    python: str = Field(
+        default="python3", description="The interpreter there of an environment with formnet."
+    )
+    keys: str | None = Field(
+        default=None, description="The folder there with ca.pem and its robots' certificates."
+    )
 
 
 class Hosts(Table):
     """``[hosts]``: where robots reach the plant on this machine, and the other machines."""
 
-    listen: Annotated[str, Field(pattern=r"^(tcp|tls)/.+:\d+$")]
-    hosts: Annotated[list[Host], Field(min_length=1)]
+    listen: str = Field(
+        pattern=r"^(tcp|tls)/.+:\d+$",
+        description="Where robots reach the plant: `tls/ADDRESS:PORT` of this machine.",
+    )
+    hosts: list[Host] = Field(min_length=1, description="The other machines.")
 
     def of(self, robot: int) -> Host | None:
         """Where ``robot`` runs; None: here."""

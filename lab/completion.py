@@ -16,20 +16,23 @@ def script(command: click.Command, shell: str) -> str:
 def toml_files(
     context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """TOML files, and the folders on the way to them."""
+    """TOML files, the folders on the way to them, and packaged scenarios."""
+    from lab.scenarios import packaged
+
     folder, _, start = incomplete.rpartition("/")
     place = f"{folder}/" if "/" in incomplete else ""
     try:
         found = sorted(Path(place or ".").iterdir())
     except OSError:
         return []
-    found = [path for path in found if path.name.startswith(start)]
-    files = [path for path in found if path.suffix == ".toml" and path.is_file()]
-    if not files:  # the shell completes folders better itself: without a space behind
+    ours = [name for name in packaged() if name.startswith(incomplete)]
+    shown = [path for path in found if path.name.startswith(start) and path.name[0] != "."]
+    files = [path for path in shown if path.suffix == ".toml" and path.is_file()]
+    if not files and not ours:  # the shell completes folders better itself: without a space behind
         return [CompletionItem(incomplete, type="dir")]
-    folders = [path for path in found if path.is_dir() and not path.name.startswith(".")]
+    folders = [path for path in shown if path.is_dir()]
     names = [path.name for path in files] + [f"{path.name}/" for path in folders]
-    return [CompletionItem(place + name) for name in names]
+    return [CompletionItem(name) for name in [*(place + name for name in names), *ours]]
 
 
 def run_folders(

@@ -44,6 +44,7 @@ SECTIONS = (
     ("plant", "[plant]"),
     ("run", "[run]"),
     ("expect", "[expect]"),
+    ("hosts", "[hosts]"),
 )
 """Keys of the top level that are tables, in the order in which one meets them."""
 
@@ -205,7 +206,7 @@ def _default(entry: Schema) -> str:
 def _words(entry: Schema) -> str:
     """A description without the key that it begins with, if anything follows."""
     text = re.sub(r"^`[^`]*`(?: in `[^`]*`)?: (?=.)", "", entry.get("description", ""))
-    return text[:1].upper() + text[1:]
+    return text[0].upper() + text[1:] if text[:1].isascii() and text else text
 
 
 if __name__ == "__main__":
