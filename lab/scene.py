@@ -39,7 +39,7 @@ _DASHES = 7
 _MOST_NAMED = 10
 _GREY = 0x9A9A9AFF
 _FLOOR = 1e-16
-_MARGIN = 1.25
+_MARGIN = 1.6
 
 Array = NDArray[Any]
 
@@ -123,9 +123,9 @@ class Scene:
         ), static=True)  # fmt: skip
         stream.log("field/headings", rr.Arrows2D.from_fields(radii=[0.004 * size]), static=True)
         stream.log("field/pattern", rr.LineStrips2D.from_fields(
-            radii=[0.004 * size], colors=[0xB0B0B080]), static=True)  # fmt: skip
+            radii=[0.004 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
         stream.log("field/places", rr.Points2D.from_fields(
-            radii=[0.009 * size], colors=[0xB0B0B0C0]), static=True)  # fmt: skip
+            radii=[0.009 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
         for name, unit in _ERRORS.items():
             _label(stream, f"errors/{name}", f"log10 {name} ({unit})")
         _label(stream, "lyapunov/v", "log10 V")

@@ -141,9 +141,8 @@ def test_every_command_of_the_tutorial_works(user, tmp_path):
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(block.content)
         elif block.language == "sh":
-            script = until_formnet_new_is_merged(block.content, place)
             ran = subprocess.run(
-                ["bash", "-euxo", "pipefail", "-c", script], cwd=place, env=user, text=True,
+                ["bash", "-euxo", "pipefail", "-c", block.content], cwd=place, env=user, text=True,
                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             )  # fmt: skip
             assert ran.returncode == 0, ran.stdout
@@ -157,24 +156,3 @@ def test_the_tutorial_ends_with_the_example():
     assert len(shown) == 3
     for name in shown:
         assert files[name] == (ROOT / "examples" / name).read_text(encoding="utf-8")
-
-
-def until_formnet_new_is_merged(script: str, place: Path) -> str:
-    """``script`` without ``formnet new``, and what it would have written. Goes with the merge."""
-    from lab.cli import main
-
-    line = next((line for line in script.splitlines() if line.startswith("formnet new ")), None)
-    if line is None or "new" in main.commands:
-        return script
-    name = line.split()[2]
-    yard = (ROOT / "configs" / "yard.toml").read_text(encoding="utf-8")
-    head = yard[: yard.index("[[robots]]")].replace('mode = "realtime"', 'mode = "lockstep"')
-    head = re.sub(r"edges = .*", f"edges = {[[i, i % 8 + 1] for i in range(1, 9)]}", head)
-    robots = "".join(
-        f"[[robots]]\nid = {i + 1}\ndamping = {float(i == 0)}\n"
-        f"offset_m = [{-1.5 * ((i + 1) // 2)}, {(-1) ** i * 1.5 * ((i + 1) // 2)}]\n"
-        f"start = {{ x_m = {5.0 - i}, y_m = {(i * i) % 7 - 3.0}, heading_rad = {i % 3 - 1.0} }}\n\n"
-        for i in range(8)
-    )
-    (place / f"{name}.toml").write_text(head + robots, encoding="utf-8")
-    return script.replace(line + "\n", "")

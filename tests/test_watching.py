@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from conftest import missing
+from playwright.sync_api import sync_playwright
 from rerun.chunk import RrdReader
 
 from formation import bus
@@ -262,7 +263,6 @@ def test_who_comes_late_gets_the_events_before_and_sees_the_rest(tmp_path):
 
 def test_in_a_browser_the_scene_moves(tmp_path):
     """The page is open during the run; its field is another picture a little later."""
-    playwright = pytest.importorskip("playwright.sync_api")
     browser = shutil.which("chromium")
     if browser is None:
         missing("chromium")
@@ -277,7 +277,7 @@ def test_in_a_browser_the_scene_moves(tmp_path):
     try:
         until(lambda: re.search(r"http://127.0.0.1:\S+", " ".join(said)))
         page_url = re.search(r"http://127.0.0.1:\S+", " ".join(said))[0]
-        with playwright.sync_playwright() as tool:
+        with sync_playwright() as tool:
             chromium = tool.chromium.launch(executable_path=browser, args=[
                 "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
                 "--ignore-gpu-blocklist", "--disable-background-networking", "--disable-quic",
