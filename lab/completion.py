@@ -23,11 +23,15 @@ def toml_files(
         found = sorted(Path(place or ".").iterdir())
     except OSError:
         return []
-    found = [path for path in found if path.name.startswith(start)]
+    found = [
+        path
+        for path in found
+        if path.name.startswith(start) and (start or not path.name.startswith("."))
+    ]
     files = [path for path in found if path.suffix == ".toml" and path.is_file()]
     if not files:  # the shell completes folders better itself: without a space behind
         return [CompletionItem(incomplete, type="dir")]
-    folders = [path for path in found if path.is_dir() and not path.name.startswith(".")]
+    folders = [path for path in found if path.is_dir()]
     names = [path.name for path in files] + [f"{path.name}/" for path in folders]
     return [CompletionItem(place + name) for name in names]
 

@@ -132,12 +132,12 @@ def _offsets(wish: Wish) -> list[Pair]:
         raise CannotWrite(f"--pattern: {error}") from None
     if wish.robots not in (None, len(places)):
         raise CannotWrite(f"--robots {wish.robots}: file {path} has places for {len(places)}")
-    if len(places) < 2 or len(set(places)) < len(places):
-        twice = next((place for place in places if places.count(place) > 1), None)
-        where = "" if twice is None else f", and {twice[0]:g},{twice[1]:g} is there twice"
-        raise CannotWrite(
-            f"--pattern: file {path} must hold two places or more, all different{where}"
-        )
+    if len(places) < 2:
+        raise CannotWrite(f"--pattern: file {path} has one place; a formation needs two")
+    for robot, place in enumerate(places, start=1):
+        first = places.index(place) + 1
+        if first < robot:
+            raise CannotWrite(f"--pattern: file {path}: robots {first} and {robot} have one place")
     return places
 
 
@@ -265,7 +265,7 @@ name = "{name}"
 seed = {seed}  # draws all that is random; same seed, same run
 duration_s = {duration_s}
 
-[clock]
+[clock]  # how often things happen
 mode = "{mode}"  # "lockstep": virtual time, exactly repeatable; or "realtime"
 control_period_s = {control_period_s}  # a command is held for this long
 broadcast_period_s = 0.05  # each robot tells its neighbours its state
@@ -299,7 +299,7 @@ length_scale_m = {scale_m}  # about as far as robots start from their places
 # robots = 2
 # restart_after_s = 5.0
 
-[neighbours]
+[neighbours]  # what a robot does with what it hears
 on_silence = "drop"  # leave out who is not heard; "hold": use its last state
 silence_s = 0.5
 
