@@ -119,7 +119,10 @@ def _offsets(wish: Wish) -> list[Pair]:
         spacing_m = 1.0 if wish.spacing_m is None else wish.spacing_m
         places = PATTERNS[wish.pattern](5 if wish.robots is None else wish.robots)
         x, y = (sum(axis) / len(places) for axis in zip(*places, strict=True))
-        return [(spacing_m * (a - x), spacing_m * (b - y)) for a, b in places]
+        return [
+            (round(spacing_m * (a - x), 4) + 0.0, round(spacing_m * (b - y), 4) + 0.0)  # no -0.0
+            for a, b in places
+        ]
     path = Path(wish.pattern)
     if not path.suffix and not path.exists():
         hint = nearest(wish.pattern, PATTERNS) or f" ({', '.join(PATTERNS)})"
@@ -238,7 +241,7 @@ def _robot(robot: int, offset: Pair, start: tuple[float, float, float], *, dampe
     lines = [
         "[[robots]]",
         f"id = {robot}",
-        f"offset_m = [{offset[0]:.3f}, {offset[1]:.3f}]",
+        f"offset_m = [{offset[0]!r}, {offset[1]!r}]",
         f"start = {{ x_m = {start[0]:.3f}, y_m = {start[1]:.3f}, heading_rad = {start[2]:.2f} }}",
         *(["damping = 1.0"] if damped else []),
     ]
