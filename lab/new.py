@@ -119,7 +119,10 @@ def _offsets(wish: Wish) -> list[Pair]:
         spacing_m = 1.0 if wish.spacing_m is None else wish.spacing_m
         places = PATTERNS[wish.pattern](5 if wish.robots is None else wish.robots)
         x, y = (sum(axis) / len(places) for axis in zip(*places, strict=True))
-        return [(spacing_m * (a - x), spacing_m * (b - y)) for a, b in places]
+        return [
+            (round(spacing_m * (a - x), 4) + 0.0, round(spacing_m * (b - y), 4) + 0.0)  # no -0.0
+            for a, b in places
+        ]
     path = Path(wish.pattern)
     if not path.suffix and not path.exists():
         hint = nearest(wish.pattern, PATTERNS) or f" ({', '.join(PATTERNS)})"
@@ -132,12 +135,12 @@ def _offsets(wish: Wish) -> list[Pair]:
         raise CannotWrite(f"--pattern: {error}") from None
     if wish.robots not in (None, len(places)):
         raise CannotWrite(f"--robots {wish.robots}: file {path} has places for {len(places)}")
-    if len(places) < 2 or len(set(places)) < len(places):
-        twice = next((place for place in places if places.count(place) > 1), None)
-        where = "" if twice is None else f", and {twice[0]:g},{twice[1]:g} is there twice"
-        raise CannotWrite(
-            f"--pattern: file {path} must hold two places or more, all different{where}"
-        )
+    if len(places) < 2:
+        raise CannotWrite(f"--pattern: file {path} has one place; a formation needs two")
+    for robot, place in enumerate(places, start=1):
+        first = places.index(place) + 1
+        if first < robot:
+            raise CannotWrite(f"--pattern: file {path}: robots {first} and {robot} have one place")
     return places
 
 
@@ -238,7 +241,7 @@ def _robot(robot: int, offset: Pair, start: tuple[float, float, float], *, dampe
     lines = [
         "[[robots]]",
         f"id = {robot}",
-        f"offset_m = [{offset[0]:.3f}, {offset[1]:.3f}]",
+        f"offset_m = [{offset[0]!r}, {offset[1]!r}]",
         f"start = {{ x_m = {start[0]:.3f}, y_m = {start[1]:.3f}, heading_rad = {start[2]:.2f} }}",
         *(["damping = 1.0"] if damped else []),
     ]
@@ -265,7 +268,7 @@ name = "{name}"
 seed = {seed}  # draws all that is random; same seed, same run
 duration_s = {duration_s}
 
-[clock]
+[clock]  # how often things happen
 mode = "{mode}"  # "lockstep": virtual time, exactly repeatable; or "realtime"
 control_period_s = {control_period_s}  # a command is held for this long
 broadcast_period_s = 0.05  # each robot tells its neighbours its state
@@ -299,7 +302,7 @@ length_scale_m = {scale_m}  # about as far as robots start from their places
 # robots = 2
 # restart_after_s = 5.0
 
-[neighbours]
+[neighbours]  # what a robot does with what it hears
 on_silence = "drop"  # leave out who is not heard; "hold": use its last state
 silence_s = 0.5
 

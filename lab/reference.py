@@ -30,6 +30,11 @@ line names the [JSON Schema](../configs/scenario.schema.json), as those in `conf
 one anywhere. The schema knows each value by itself. What must fit together (robots that exist, a
 broadcast period that is a multiple of the control period, ends of a range) only `formnet check`
 sees.
+
+**Gains and periods.** `formnet check` and `formnet run` follow the closed loop on its way in,
+linearised again and again, and warn where commands are held for longer than 2/|λ| of its fastest
+rate λ: such a run chatters or diverges. The warning says which period, or which `law.beta`, would
+do. It leaves out what links lose and what the timeline changes.
 """
 
 SECTIONS = (

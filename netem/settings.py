@@ -112,8 +112,9 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """``base`` with what ``over`` names replaced: key by key in a table that names no kind."""
     merged = dict(base)
     for name, value in over.items():
-        whole = not isinstance(value, Mapping) or _KINDS.get(name) in value
-        merged[name] = value if whole else {**merged.get(name, {}), **value}
+        old = merged.get(name, {})
+        part = isinstance(value, Mapping) and isinstance(old, Mapping)
+        merged[name] = {**old, **value} if part and _KINDS.get(name) not in value else value
     return merged
 
 
@@ -126,7 +127,7 @@ class _Preset(Table):
         if not isinstance(data, Mapping) or "preset" not in data:
             return data
         name = data["preset"]
-        if name not in PRESETS:
+        if not isinstance(name, str) or name not in PRESETS:
             raise ValueError(f"preset {name!r} is none of {', '.join(PRESETS)}")
         rest = {key: value for key, value in data.items() if key != "preset"}
         return _merged(_merged(PRESETS["ideal"], PRESETS[name]), rest)
