@@ -254,7 +254,7 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 @click.argument("name")
 @click.option(
     "--robots",
-    type=click.IntRange(2, 100),
+    type=click.IntRange(2, 1000),
     metavar="N",
     help="How many.  [default: 5, or as many as FILE has places for]",
 )

@@ -26,7 +26,11 @@ def toml_files(
     except OSError:
         return []
     ours = [name for name in packaged() if name.startswith(incomplete)]
-    shown = [path for path in found if path.name.startswith(start) and path.name[0] != "."]
+    shown = [
+        path
+        for path in found
+        if path.name.startswith(start) and (start or not path.name.startswith("."))
+    ]
     files = [path for path in shown if path.suffix == ".toml" and path.is_file()]
     if not files and not ours:  # the shell completes folders better itself: without a space behind
         return [CompletionItem(incomplete, type="dir")]

@@ -225,7 +225,7 @@ def test_nothing_is_overwritten(here):
         (["x", "--pattern", "none.csv"], "file none.csv cannot be read: No such file"),
         (["x", "--network", "wify"], "did you mean 'wifi'?"),
         (["x", "--network", "string"], "(perfect, ideal, lan, wifi"),
-        (["x", "--robots", "1"], "1 is not in the range 2<=x<=100"),
+        (["x", "--robots", "1"], "1 is not in the range 2<=x<=1000"),
         (["x", "--graph", "tree"], "'tree' is not one of"),
         (["x", "--out", "none/x.toml"], "cannot be written: No such file"),
     ],
