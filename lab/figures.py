@@ -17,6 +17,8 @@ from lab.verdict import by_claim, error_series, tolerances_of, window_s
 
 MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
+MOST_NAMED = 20
+"""How many robots a legend names."""
 _LABELS = {
     "formation": "formation, Eq. 3 (m)", "heading": "heading, Eq. 4 (rad)",
     "centroid": "centroid, Eq. 5 (m)",
@@ -54,7 +56,8 @@ def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
         whole.plot(*xy[0], "o", color=colour, mfc="white", ms=6)
         whole.plot(*xy[-1], "o", color=colour, ms=5)
     whole.set_title("paths  (○ start, ● end)")
-    whole.legend(loc="best", fontsize=8)
+    if len(scenario.ids) <= MOST_NAMED:
+        whole.legend(loc="best", fontsize=8)
     order = around(offsets)
     _polygon(end, offsets[order], 6.0, "0.82", "desired pattern")
     final = _finite(positions.reshape(len(positions), -1))[-1].reshape(-1, 2)
@@ -90,7 +93,8 @@ def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
     upper.set_ylabel("heading θ (rad)")
     lower.set_ylabel(f"θ − θ of robot {scenario.ids[0]} (rad)")
     lower.set_xlabel("t (s)")
-    upper.legend(loc="best", fontsize=8, ncols=2)
+    if len(scenario.ids) <= MOST_NAMED:
+        upper.legend(loc="best", fontsize=8, ncols=2)
     return figure
 
 
