@@ -257,6 +257,8 @@ def _notes(run: Recorded) -> Iterator[str]:
     refused = sum(item["times"] for item in judged["messages"]["rejected"])
     if refused:
         yield f"{refused} message(s) were refused; see below."
+    for item in judged["messages"].get("refused", ()):  # not in older runs
+        yield f"who has {item['who']}'s certificate was denied {item['key']}"
     if _falling(judged):
         yield ("What fails was still falling at the end: it may need a longer run "
                "(--set duration_s=…).")  # fmt: skip
@@ -293,7 +295,15 @@ def _moments(run: Recorded) -> Iterator[Moment]:
 
 
 def _moment(event: Event) -> Moment:
-    bad = event.kind in ("lost", "host lost", "kill", "rejected", "silent at the end", "waiting")
+    bad = event.kind in (
+        "lost",
+        "host lost",
+        "kill",
+        "rejected",
+        "refused",
+        "silent at the end",
+        "waiting",
+    )
     if event.kind == "network":
         told = str(event.details.get("what", ""))
     else:
