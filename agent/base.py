@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Set
 from numbers import Real
 from typing import Any, NamedTuple
 
-from agent.law import Command, Law, LawFailed
+from agent.law import Command, Law, failure
 from formation.messages import (
     Broadcast,
     Drive,
@@ -31,12 +31,13 @@ from netem.timeline import NEVER
 
 def _pair(command: Any) -> Command:
     """What a law returned, as two floats; a plug-in may return any two numbers."""
-    if isinstance(command, str | bytes | Mapping | Set):
+    try:
+        numbers = () if isinstance(command, str | bytes | Mapping | Set) else tuple(command)
+    except TypeError:
+        numbers = ()
+    if not (len(numbers) == 2 and all(isinstance(number, Real) for number in numbers)):
         raise TypeError(f"the law must return two numbers, not {command!r}")
-    first, second = command
-    if not (isinstance(first, Real) and isinstance(second, Real)):
-        raise TypeError(f"the law must return two numbers, not {command!r}")
-    return Command(float(first), float(second))
+    return Command(float(numbers[0]), float(numbers[1]))
 
 
 class Outgoing(NamedTuple):
@@ -142,7 +143,7 @@ class RobotBase:
                 command = _pair(command)
             return make(Drive, (self.robot, number, command[0], command[1]))
         except Exception as error:  # a law may raise anything
-            failed = LawFailed(self.robot, f"{type(error).__name__}: {error}")
+            failed = failure(self.robot, error)
             failed.__cause__ = error  # mypyc leaves out what ``raise ... from`` says
             raise failed  # noqa: B904
 

@@ -14,14 +14,18 @@ entry points and name it in a scenario::
 The built-in law is registered in the same way.
 """
 
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from formation.messages import Stamped, State
 from formation.scenario import LawSettings, Scenario, Vehicle
+
+_HERE = Path(__file__).resolve().parent
 
 GROUP = "formnet.laws"
 
@@ -98,6 +102,18 @@ class LawFailed(RuntimeError):
     def __init__(self, robot: int, error: str) -> None:
         super().__init__(error)
         self.robot = robot
+
+
+def failure(robot: int, error: Exception) -> LawFailed:
+    """``error``, which came out of a law, with the law's own line."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename).is_absolute() and Path(frame.filename).parent != _HERE
+    ]  # of compiled modules the names are relative
+    own = [frame for frame in frames if frame.filename == frames[0].filename]
+    where = f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
+    return LawFailed(robot, f"{type(error).__name__}: {error}{where}")
 
 
 LawFactory = Callable[[Situation], Law]

@@ -276,8 +276,8 @@ class RobotProcess:
     def _on_plant(self, sample: zenoh.Sample) -> None:
         try:
             message = decode(sample.payload.to_bytes())
-        except MessageError as error:
-            self._refuse(str(error))
+        except MessageError as problem:  # mypyc: a name has one type
+            self._refuse(str(problem))
             return
         if type(message) is Measured and self._loop is not None:
             try:

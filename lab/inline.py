@@ -7,7 +7,7 @@ fast way to run many scenarios.
 from collections import deque
 from collections.abc import Callable
 
-from agent.law import LawFailed, make
+from agent.law import LawFailed, failure, make
 from agent.robot import Robot
 from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
@@ -61,7 +61,7 @@ class _Run:
                 self._scenario, robot, run=self._name, law=law, first_tick=self._world.tick
             )
         except Exception as error:  # a plug-in may raise anything
-            raise LawFailed(robot, f"{type(error).__name__}: {error}") from error
+            raise failure(robot, error) from error
 
     def _happen(self) -> None:
         """What the launcher and the system do to processes in a distributed run."""

@@ -291,8 +291,8 @@ class LockstepPlant(Host):
             if drive.robot != robot:
                 raise ValueError(f"claims to be robot {drive.robot}")
             self._prepared[robot] = encode(world.on_drive(drive))
-        except ValueError as error:
-            self._refuse(robot, str(error))
+        except ValueError as problem:  # mypyc: a name has one type
+            self._refuse(robot, str(problem))
             return
         except Exception as error:  # our own mistake: it must not hang the run
             traceback.print_exc()

@@ -679,7 +679,8 @@ def test_what_is_no_pair_of_numbers_fails_the_law(make, value):
     with pytest.raises(LawFailed) as caught:
         answer_of(make, lambda: value)
     assert caught.value.robot == ME
-    assert str(caught.value)
+    words = str(caught.value)
+    assert "the law must return two numbers, not " in words or words.startswith("OverflowError")
 
 
 @pytest.mark.parametrize("value", ["12", ("1", "2"), b"ab", {1.0: None, 2.0: None}], ids=repr)

@@ -459,14 +459,20 @@ def install_law(folder: Path, body: str) -> dict[str, str]:
     return {"PYTHONPATH": str(folder)}
 
 
-@pytest.mark.parametrize("mode", [(), ("--inline",)], ids=["distributed", "inline"])
-def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, mode):
+@pytest.mark.parametrize("mode", ["distributed", "inline", "realtime"])
+@pytest.mark.parametrize("after_ns", [0, 10**7, 12 * 10**6])  # at the start, with a broadcast, not
+def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, mode, after_ns):
     env = install_law(
-        tmp_path, "return (1 / 0, 0.0) if self.robot == 4 and now_ns >= 10**7 else (0.0, 0.0)"
+        tmp_path,
+        f"return (1 / 0, 0.0) if self.robot == 4 and now_ns >= {after_ns} else (0.0, 0.0)",
     )
-    run = start("plug-in", "law.kind=broken", "duration_s=0.1", *mode, env=env)
+    options = {"inline": ("--inline",), "realtime": ("clock.mode=realtime",)}.get(mode, ())
+    run = start("plug-in", "law.kind=broken", "duration_s=2.0", *options, env=env)
     assert run.wait() == 3
-    assert "failed at t = 0.010 s: robot 4: ZeroDivisionError: division by zero" in run.output()
+    said = "robot 4: ZeroDivisionError: division by zero (broken_law.py:5)"
+    assert said in " ".join(run.output().split())
+    if mode != "realtime":
+        assert f"failed at t = {after_ns / 1e9:.3f} s: {said}" in " ".join(run.output().split())
 
 
 def test_a_plug_in_law_runs(start, tmp_path):
