@@ -51,7 +51,7 @@ def describe(assessment: Assessment) -> list[str]:
         f"  λ_min(L + diag μ)             {assessment.smallest_eigenvalue:.4g}",
         f"  β λ_min > 1/4                 {margin:.4g} {relation} 0.25",
         f"  {assessment.why}",
-        "  claims: "
+        "  the theory claims: "
         + (
             ", ".join(
                 f"{claim} {'yes' if value else 'no'}" for claim, value in assessment.claims.items()

@@ -236,8 +236,6 @@ def replay(folder: Path, speed: float, web: bool) -> None:
         show(folder, speed, web=web, say=click.echo)
     except (NoScene, ScenarioError, ViewerFailed) as error:
         _fail(2, str(error))
-    except KeyboardInterrupt:
-        return
 
 
 @main.command()

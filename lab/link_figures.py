@@ -27,6 +27,7 @@ _FATES = {
     "delivered": COLOURS[0], "duplicated": COLOURS[5], "corrupted": COLOURS[2],
     "lost: random": COLOURS[1], "lost: burst": COLOURS[3], "lost: cut": COLOURS[6],
     "lost: queue": COLOURS[4], "lost: late": "#882255", "lost: trace": COLOURS[7],
+    "lost: receiver down": "#888888",
 }  # fmt: skip
 
 

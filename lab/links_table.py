@@ -10,12 +10,14 @@ from rich.table import Table
 
 MOST_LINKS = 20
 """How many links the table shows."""
+_WIDE = 110
+"""Characters that all columns need."""
 
 
 def output() -> Console:
     """Standard output; where it is no terminal, wide enough for tables."""
     console = Console()
-    return console if console.is_terminal else Console(width=max(console.width, 110))
+    return console if console.is_terminal else Console(width=max(console.width, _WIDE))
 
 
 def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: str) -> Table:
@@ -24,7 +26,8 @@ def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: s
     if len(links) > MOST_LINKS:
         title += f" (the first {MOST_LINKS} of {len(links)}; {where_all_are})"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    delays = ("min", "mean", "p50", "p95", "p99", "max")
+    wide = output().width >= _WIDE
+    delays = ("min", "mean", "p50", "p95", "p99", "max") if wide else ("mean", "p99", "max")
     for head in ("link", "sent", "arrived", "lost", *delays, "jitter", "silence"):
         table.add_column(head, justify="right", no_wrap=head != "lost")
     for name, link in links[:MOST_LINKS]:
@@ -33,7 +36,7 @@ def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: s
             escape(name),
             str(link["sent"]),
             str(link["delivered"]),
-            _lost(link),
+            _lost(link) if wide else _share_lost(link),
             *(_number(delay[key] * 1e3) if delay else "-" for key in delays),
             _number(link["jitter_s"] * 1e3),
             _number(link["longest_silence_s"]),
@@ -45,6 +48,10 @@ def _lost(link: Mapping[str, Any]) -> str:
     """The share lost, by cause."""
     causes = [f"{cause} {count / link['sent']:.2%}" for cause, count in link["lost"].items()]
     return ", ".join(causes) or "-"
+
+
+def _share_lost(link: Mapping[str, Any]) -> str:
+    return f"{sum(link['lost'].values()) / link['sent']:.2%}" if link["lost"] else "-"
 
 
 def _number(value: float) -> str:

@@ -50,6 +50,8 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
         Unreadable: there is no run.
         ScenarioError: its scenario is none, or one of another version.
     """
+    if not folder.is_dir():
+        raise Unreadable("no such folder")
     if not (folder / "scenario.toml").is_file():
         raise Unreadable("has no scenario.toml; formnet run leaves one")
     run = Recorded(folder, load(folder / "scenario.toml"))

@@ -7,7 +7,10 @@ from pathlib import Path
 from formation.loading import load
 from lab.rrd import FILE
 from lab.scene import blueprint
+from lab.signals import stop_signals
 from lab.viewer import Viewer
+
+_LOOK_S = 0.1
 
 
 class NoScene(ValueError):
@@ -25,13 +28,14 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
     if not (folder / FILE).is_file():
         raise NoScene(f"{folder}: has no {FILE} (made by `formnet run`)")
     layout = blueprint(load(folder / "scenario.toml"), speed=speed)
-    with tempfile.TemporaryDirectory() as place:
+    with stop_signals() as stopped, tempfile.TemporaryDirectory() as place:
         plan = Path(place) / "formnet.rbl"
         layout.save("formnet", str(plan))
         viewer = Viewer(web=web, files=(folder / FILE, plan))
         try:
             if viewer.page is not None:
                 say(f"{folder} at {viewer.page} until Ctrl-C")
-            viewer.process.wait()
+            while viewer.process.poll() is None and not stopped.wait(_LOOK_S):
+                pass
         finally:
             viewer.close()

@@ -252,8 +252,9 @@ def _notes(run: Recorded) -> Iterator[str]:
     rising = judged["lyapunov"]
     if rising is not None and rising["rises"]:
         first = rising["rises"][0]
-        yield (f"V (Eq. {rising['equation']}) rises {len(rising['rises'])} time(s), first at "
-               f"t = {first['begin_s']:.2f} s: {'; '.join(first['causes'])}")  # fmt: skip
+        yield (f"V (Eq. {rising['equation']}) rises {len(rising['rises'])} time(s), first "
+               f"from {first['begin_s']:.2f} to {first['end_s']:.2f} s: "
+               f"{'; '.join(first['causes'])}")  # fmt: skip
     refused = sum(item["times"] for item in judged["messages"]["rejected"])
     if refused:
         yield f"{refused} message(s) were refused; see below."

@@ -33,7 +33,7 @@ CLAIM_TITLES = {
     "formation": ("formation (Eq. 3)", "m"),
     "heading": ("heading (Eq. 4)", "rad"),
     "centroid": ("centroid (Eq. 5)", "m"),
-    "lyapunov": ("V never rises", "V"),
+    "lyapunov": ("V never rises", ""),  # by a share of V
 }
 
 
@@ -131,19 +131,21 @@ def _conclude(
     scene.close(lyapunov.curve(recording))
     judged = verdict.of(recording, mode=mode, wall_s=wall_s)
     verdict.save(judged, recording.folder)
+    rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
+    output().print(links_table(rows, "all are in verdict.json"))
+    output().print(_table(judged))
+    _summarise(console, recording, judged)
     if outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
-        from lab import figures
+        with console.status("drawing figures"):
+            from lab import figures
 
-        figures.draw(recording, recording.folder / "figures")
+            figures.draw(recording, recording.folder / "figures")
     from lab import report
 
     problem = report.leave(recording.folder)
     if problem is not None:
         console.print(f"[yellow]no page:[/] {escape(problem)}", soft_wrap=True)
-    rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
-    output().print(links_table(rows, "all are in verdict.json"))
-    output().print(_table(judged))
-    _summarise(console, recording, judged)
+    console.print(f"everything is in {escape(str(recording.folder))}", soft_wrap=True)
     if outcome.kind == "interrupted":
         return INTERRUPTED
     if outcome.kind not in ("completed", "diverged"):
@@ -167,7 +169,7 @@ def _table(judged: dict[str, Any]) -> Table:
             words[entry["observed"]],
             "-" if largest is None else f"{largest:.2e} {unit}",
             f"{entry['tolerance']:g} {unit}",
-            marks[entry["holds"]],
+            "[dim]not claimed[/]" if entry["expected"] is None else marks[entry["holds"]],
         )
     return table
 
@@ -206,8 +208,9 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     if rises:
         first = rises[0]
         console.print(
-            f"V (Eq. {judged['lyapunov']['equation']}) rises {len(rises)} time(s), first at "
-            f"t = {first['begin_s']:.2f} s: " + escape("; ".join(first["causes"])),
+            f"V (Eq. {judged['lyapunov']['equation']}) rises {len(rises)} time(s), first from "
+            f"{first['begin_s']:.2f} to {first['end_s']:.2f} s: "
+            + escape("; ".join(first["causes"])),
             soft_wrap=True,
         )
     robots = judged["robots"]
@@ -238,9 +241,12 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     console.print(
         ("" if settled is None else f"settled after {settled:.2f} s; ")
         + f"simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
-        + f"({factor:.2g} × real time); sha256 {judged['trajectory_sha256'][:16]}…"
+        + f"({_times(factor)} real time); sha256 {judged['trajectory_sha256'][:16]}…"
     )
-    console.print(f"everything is in {escape(str(recording.folder))}", soft_wrap=True)
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.2g} ×" if factor < 10.0 else f"{factor:.0f} ×"
 
 
 class _Watch:
@@ -323,5 +329,5 @@ class _Watch:
             f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items()
         )
         self._progress.update(
-            self._task, completed=t_s, description=f"t = {t_s:.1f} s  {speed:.2g} ×  {errors}"
+            self._task, completed=t_s, description=f"t = {t_s:.1f} s  {_times(speed)}  {errors}"
         )

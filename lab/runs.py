@@ -23,6 +23,9 @@ BAD = {FAILS, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
 """The standings in which something is wrong."""
 _STYLES = {HOLDS: "green", RUNNING: "cyan", OBSERVED: "dim", "interrupted": "yellow"}
 
+MOST_OTHERS = 10
+"""How many folders that are none of formnet's are named."""
+
 
 class Entry(NamedTuple):
     """One folder among the runs.
@@ -67,10 +70,14 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
     elif entries:
         output().print(_table(entries))
     if others:
-        console.print(f"not of formnet: {escape(', '.join(others))}", soft_wrap=True)
+        more = f" and {len(others) - MOST_OTHERS} more" if len(others) > MOST_OTHERS else ""
+        named = escape(", ".join(others[:MOST_OTHERS]))
+        console.print(f"not of formnet: {named}{more}", soft_wrap=True)
     if not entries:
         console.print(f"no runs in {escape(str(folder))}", soft_wrap=True)
         return ALL_HOLD
+    if folder.resolve().name != "runs":
+        return ALL_HOLD  # its page would be a surprise
     from lab.report import write_index
 
     problem = write_index(folder, entries)

@@ -24,7 +24,7 @@ def described() -> Iterator[tuple[str, str]]:
 
 
 def find(argument: str) -> Path:
-    """The file that ``argument`` means: a file that is there, or else a packaged scenario.
+    """The file that ``argument`` means: one that is there, a run folder's, or a packaged scenario.
 
     Packaged ones go by their name, with or without its folder: ``section5-delay``.
 
@@ -34,13 +34,16 @@ def find(argument: str) -> Path:
     path = Path(argument)
     if path.exists() and not path.is_dir():
         return path
+    if (path / "scenario.toml").is_file():
+        return path / "scenario.toml"
     names = packaged()
     short = {name.rpartition("/")[2]: name for name in names}
     name = short.get(argument, argument)
     if name in names:
         return names[name]
-    near = get_close_matches(path.stem, short, n=3, cutoff=0.5)
-    hint = f"did you mean {', '.join(short[word] for word in near)}? " if near else ""
+    here = {file.stem: str(file) for file in path.parent.glob("*.toml")}
+    near = get_close_matches(path.stem, known := short | here, n=3, cutoff=0.5)
+    hint = f"did you mean {', '.join(known[word] for word in near)}? " if near else ""
     raise LookupError(
         f"{argument!r}: no such file, and no packaged scenario has that name; "
         f"{hint}`formnet scenarios` lists them"

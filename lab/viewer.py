@@ -68,9 +68,9 @@ class Viewer:
         assert self.process.stderr is not None
         said = self.process.stderr.read().decode(errors="replace").strip().splitlines()
         reason = said[-1] if said else f"exit code {self.process.returncode}"
-        raise ViewerFailed(
-            f"the Rerun viewer does not open (without a display, use --web): {reason}"
-        )
+        if "DISPLAY" in reason:
+            raise ViewerFailed("the Rerun viewer does not open: there is no display; use --web")
+        raise ViewerFailed(f"the Rerun viewer does not open: {reason}")
 
 
 def binary() -> str:

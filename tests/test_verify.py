@@ -148,7 +148,7 @@ def test_a_run_of_which_nothing_can_be_compared_is_not_identical(copy):
 def test_every_run_is_looked_at_and_the_gravest_counts(recorded, tmp_path):
     code, said = formnet("verify", tmp_path / "none", recorded)
     assert code == 2
-    assert "none: has no scenario.toml; formnet run leaves one" in said
+    assert "none: no such folder" in said
     assert "identical" in said
 
 

@@ -10,6 +10,7 @@ import threading
 import time
 
 import numpy as np
+import psutil
 import pytest
 from click.testing import CliRunner
 from conftest import missing
@@ -300,6 +301,18 @@ def test_in_a_browser_the_scene_moves(tmp_path):
     finally:
         run.kill()
         run.wait()
+
+
+def test_a_replay_that_is_ended_takes_its_viewer_along(recorded):
+    replay = subprocess.Popen(
+        [sys.executable, "-m", "lab.cli", "replay", str(recorded), "--web"],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert "until Ctrl-C" in replay.stdout.readline()
+    (viewer,) = psutil.Process(replay.pid).children()
+    replay.terminate()
+    assert replay.wait(PATIENCE_S) == 0
+    assert not viewer.is_running()
 
 
 # --- what cannot be watched ----------------------------------------------------------------------------
