@@ -195,7 +195,6 @@ def monitor(
     shown = _view(view=view or not (web or save), web=web)
     if save is not None and save.exists():
         _fail(2, f"--save: {save} exists already")
-    _choose_threads(1.0)
     import threading
 
     from formation.bus import BusError

@@ -127,7 +127,7 @@ def feed(source: Source) -> Iterator[Feed]:
     credentials = None if source.keys is None else Credentials(source.keys, MONITOR)
     with bus.session(
         connect=source.endpoint, credentials=credentials, plaintext=source.plaintext,
-        batching=True,
+        batching=True, patience_s=_SEARCH_S,
     ) as session:  # fmt: skip
         yield Feed(session, source.run or _only_run(session, source.endpoint))
 

@@ -459,8 +459,11 @@ def install_law(folder: Path, body: str) -> dict[str, str]:
     return {"PYTHONPATH": str(folder)}
 
 
-@pytest.mark.parametrize("mode", ["distributed", "inline", "realtime"])
-@pytest.mark.parametrize("after_ns", [0, 10**7, 12 * 10**6])  # at the start, with a broadcast, not
+@pytest.mark.parametrize(
+    ("mode", "after_ns"),
+    [("distributed", 10**7), ("distributed", 12 * 10**6), ("inline", 12 * 10**6), ("realtime", 0)],
+    ids=["distributed, with a broadcast", "distributed", "inline", "realtime"],
+)
 def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, mode, after_ns):
     env = install_law(
         tmp_path,
