@@ -35,6 +35,7 @@ MOST_WINDOWS = 600
 TRAIL_S = 15.0
 LINKS_LATE_NS = 1_200_000_000
 """What became of messages up to an instant is known so much later, at the latest."""
+_TOGETHER = 10
 _DASHES = 7
 _MOST_NAMED = 10
 _GREY = 0x9A9A9AFF
@@ -304,6 +305,7 @@ class _Traffic:
         shortest = 10 * scenario.clock.broadcast_period_ns
         windows = max(10, min(MOST_WINDOWS, MOST_CELLS // (4 * len(self._links) or 1)))
         self._window_ns = max(shortest, nanoseconds(scenario.duration_s) // windows)
+        self._ended_ns = 0  # up to where it is drawn
         self._rows: dict[tuple[int, int], list[LinkRow]] = {link: [] for link in self._links}
         for source, destination in self._links:
             for what in ("delay", "loss"):
@@ -314,18 +316,16 @@ class _Traffic:
         self._rows[row.source, row.destination].append(row)
 
     def flush(self, known_ns: int, times: Any) -> None:
-        """Draw the stretches that ended up to ``known_ns``."""
+        """Draw the stretches that ended up to ``known_ns``, several at once: each has a cost."""
+        ended_ns = known_ns // self._window_ns * self._window_ns
+        if ended_ns - self._ended_ns < _TOGETHER * self._window_ns:
+            return
+        self._ended_ns = ended_ns
         for link, rows in self._rows.items():
-            late_ns = known_ns - self._window_ns  # delays come on top
-            ready = [
-                row for row in rows if row.t_sent_ns < late_ns // self._window_ns * self._window_ns
-            ]
-            if not ready:
-                continue
-            self._rows[link] = [
-                row for row in rows if row.t_sent_ns >= late_ns // self._window_ns * self._window_ns
-            ]
-            self._draw(link, ready, times)
+            ready = [row for row in rows if _decided_ns(row) < ended_ns]
+            if ready:
+                self._rows[link] = [row for row in rows if _decided_ns(row) >= ended_ns]
+                self._draw(link, ready, times)
 
     def _draw(self, link: tuple[int, int], rows: Sequence[LinkRow], times: Any) -> None:
         window = np.array([_decided_ns(row) for row in rows]) // self._window_ns
