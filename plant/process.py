@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -46,7 +46,9 @@ def main(
     kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error
-    with _sink(record) as sink, opened as session:
+    with ExitStack() as recording, ExitStack() as bus_session:
+        sink = recording.enter_context(_sink(record))
+        session = bus_session.enter_context(opened)
         watched = Watched(session, scenario, run)
 
         def take(record: Streamed) -> None:
@@ -56,6 +58,7 @@ def main(
         plant = kind(session, scenario, run, take, start_patience_s)
         on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
         outcome = plant.run()
+        recording.close()  # first: who reads it need not wait for who watches
         watched.take_leave()
     return 0 if outcome.kind in ("completed", "diverged") else 3
 

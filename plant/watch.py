@@ -55,6 +55,7 @@ class Watched:
         return bool(status.matching)
 
     def _answer(self, query: zenoh.Query) -> None:
-        with self._lock, query:
-            history = (self._scenario, self._told, self._number)
-            query.reply(query.key_expr, msgpack.packb(history))
+        with self._lock:
+            history = msgpack.packb((self._scenario, self._told, self._number))
+        with query:  # outside: who asks may be slow to take the answer
+            query.reply(query.key_expr, history)
