@@ -446,6 +446,11 @@ class Scenario(Table):
     hosts: Hosts | None = None
 
     @property
+    def without_hosts(self) -> "Scenario":
+        """The experiment alone, as others get it: machines are no part of it."""
+        return self.model_copy(update={"hosts": None})
+
+    @property
     def ids(self) -> list[int]:
         """Robot ids in the order of the file; every array of a run has this order."""
         return [robot.id for robot in self.robots]

@@ -34,3 +34,8 @@ def _modules() -> list[Path]:
     return [
         built for name in _PACKAGES for kind in kinds for built in (_ROOT / name).glob(f"*.{kind}")
     ]
+
+
+def install(extra: str) -> str:
+    """How to get an extra of formnet."""
+    return f"pip install 'formnet[{extra}]' (in a checkout: -e '.[{extra}]')"

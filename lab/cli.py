@@ -11,10 +11,8 @@ from typing import Any, NoReturn
 
 import click
 
-from lab.build import stale
+from lab.build import install, stale
 from lab.completion import run_folders, toml_files
-
-_EXTRA = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
 
 
 def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
@@ -551,7 +549,7 @@ def doctor(hosts: Path | None, keys: Path | None) -> None:
     try:
         from lab.doctor import examine
     except ImportError:
-        _fail(2, f"doctor needs more packages: {_EXTRA}")
+        _fail(2, f"doctor needs more packages: {install('hosts')}")
     sys.exit(examine(hosts, keys))
 
 
@@ -578,7 +576,7 @@ def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
     try:
         from lab.keys import KeysExist, make, robots_of
     except ImportError:
-        _fail(2, f"keys need the package cryptography: {_EXTRA}")
+        _fail(2, f"keys need the package cryptography: {install('hosts')}")
     try:
         ids = robots_of(robots)
     except ValueError as error:

@@ -11,11 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from formation.loading import ScenarioError
+from lab.build import install
 from lab.recorded import Recorded, Unreadable, event_lines, read_whole
 from lab.recording import LINKS, STATES, RunExists, fresh_folder
 from lab.run import ALL_HOLD, BAD_INPUT, report_problems
-
-_EXTRA = "pip install 'formnet[export]' (in a checkout: -e '.[export]')"
 
 
 def export_run(folder: Path, kind: str, out: Path | None) -> int:
@@ -29,7 +28,8 @@ def export_run(folder: Path, kind: str, out: Path | None) -> int:
         report_problems(console, error)
         return BAD_INPUT
     except ImportError:
-        console.print(f"MCAP needs the package mcap: {_EXTRA}", markup=False, soft_wrap=True)
+        console.print(f"MCAP needs the package mcap: {install('export')}", markup=False,
+                      soft_wrap=True)  # fmt: skip
         return BAD_INPUT
     except (Unreadable, OSError) as error:
         console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)

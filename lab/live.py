@@ -31,7 +31,8 @@ def find(folder: Path | None) -> tuple[str, str]:
     if not there:
         where = folder or "runs"
         raise LookupError(
-            f"{where}: no run goes on there (elsewhere: --connect ENDPOINT, as formnet run says)"
+            f"{where}: no run goes on there (on another machine: --connect with the endpoint that "
+            f"stands in {FILE} of its folder there)"
         )
     found = json.loads(max(there, key=lambda file: file.stat().st_mtime).read_text("utf-8"))
     return found["endpoint"], found["run"]

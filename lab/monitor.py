@@ -170,7 +170,7 @@ class Monitor:
         self._scene.flush(last=True)
         self._draw_lyapunov(last=True)
         self._stream.flush()
-        return isinstance(self._collected.outcome, Outcome)
+        return self._collected.outcome is not None
 
     def _draw(self) -> None:
         for record in self._feed.take():

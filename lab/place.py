@@ -11,6 +11,7 @@ from formation.hosts import Host, Hosts, HostsError, load_hosts
 from formation.record import Event, Sink
 from formation.scenario import Scenario
 from formation.security import PLANT, Credentials, KeysError, robot_name
+from lab.build import install
 from lab.launch import Child, Place
 
 
@@ -54,8 +55,7 @@ class Where:
                 raise BadPlace(str(error)) from None
         if hosts is not None:
             if find_spec("asyncssh") is None:
-                extra = "pip install 'formnet[hosts]' (in a checkout: -e '.[hosts]')"
-                raise BadPlace(f"hosts need the package asyncssh: {extra}")
+                raise BadPlace(f"hosts need the package asyncssh: {install('hosts')}")
             self._check(scenario, hosts)
         try:
             if self.keys is not None:

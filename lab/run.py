@@ -5,7 +5,7 @@ import time
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -22,10 +22,11 @@ from lab.execution import execute
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.recording import Recording, RunExists
-from lab.rrd import RunFile
 from lab.signals import stop_signals
-from lab.watcher import Watcher
 from netem.problems import Problem
+
+if TYPE_CHECKING:
+    from lab.rrd import RunFile
 
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -72,6 +73,9 @@ def run_scenario(
         console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
     mode = "inline" if inline else "distributed"
+    from lab.rrd import RunFile  # loads Rerun, which other commands need not wait for
+    from lab.watcher import Watcher
+
     with stop_signals() as stopped, ExitStack() as stack:
         scene = RunFile(folder, scenario)
         with (
@@ -123,7 +127,7 @@ def report_problems(console: Console, error: ScenarioError) -> None:
 
 
 def _conclude(
-    console: Console, recording: Recording, scene: RunFile, outcome: Outcome, wall_s: float,
+    console: Console, recording: Recording, scene: "RunFile", outcome: Outcome, wall_s: float,
     mode: str,
 ) -> int:  # fmt: skip
     """Save, judge, draw and print; returns the exit code."""
@@ -252,7 +256,7 @@ def _times(factor: float) -> str:
 class _Watch:
     """Shows a run while it goes on: progress, current errors, and events as they come."""
 
-    def __init__(self, console: Console, recording: Recording, scene: RunFile) -> None:
+    def __init__(self, console: Console, recording: Recording, scene: "RunFile") -> None:
         self._console = console
         self._recording = recording
         self._scene = scene

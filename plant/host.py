@@ -110,7 +110,7 @@ class Host:
         self._sink = sink
         self._keys = bus.Keys(run)
         self._inbox: queue.SimpleQueue[Note] = queue.SimpleQueue()
-        self._brief = dumps(scenario.model_copy(update={"hosts": None}))
+        self._brief = dumps(scenario.without_hosts)
         self._joined: set[int] = set()  # who has a process that takes part
         self._connected: set[int] = set()  # by liveliness
         self._lock = threading.Lock()  # guards the world

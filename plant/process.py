@@ -46,20 +46,20 @@ def main(
     kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error
-    with ExitStack() as recording, ExitStack() as bus_session:
-        sink = recording.enter_context(_sink(record))
-        session = bus_session.enter_context(opened)
-        watched = Watched(session, scenario, run)
+    with ExitStack() as recording:
+        sink = recording.enter_context(_sink(record))  # first: it takes stray prints away
+        with opened as session:
+            watched = Watched(session, scenario, run)
 
-        def take(record: Streamed) -> None:
-            sink(record)
-            watched.take(record)
+            def take(record: Streamed) -> None:
+                sink(record)
+                watched.take(record)
 
-        plant = kind(session, scenario, run, take, start_patience_s)
-        on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
-        outcome = plant.run()
-        recording.close()  # first: who reads it need not wait for who watches
-        watched.take_leave()
+            plant = kind(session, scenario, run, take, start_patience_s)
+            on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
+            outcome = plant.run()
+            recording.close()  # first: who reads it need not wait for who watches
+            watched.take_leave()
     return 0 if outcome.kind in ("completed", "diverged") else 3
 
 

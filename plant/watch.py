@@ -26,7 +26,7 @@ class Watched:
 
     def __init__(self, session: zenoh.Session, scenario: Scenario, run: str) -> None:
         keys = bus.Keys(run)
-        self._scenario = dumps(scenario.model_copy(update={"hosts": None}))
+        self._scenario = dumps(scenario.without_hosts)
         self._told: list[bytes] = []  # events so far, and the outcome
         self._number = 0  # of the next message
         self._lock = threading.Lock()

@@ -131,7 +131,7 @@ def test_losses_and_delays_of_links(recorded):
 
 
 def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
-    """As the documentation says: 25 bytes a cell, 600,000 cells at most."""
+    """As the documentation says: 60 bytes a cell and 5 MB."""
     text = "\n".join(
         f"[[robots]]\nid = {k}\noffset_m = [{k}.0, 0.0]\nstart = {{ x_m = {k}.0, y_m = 1.0 }}"
         for k in range(1, 41)
