@@ -24,6 +24,7 @@ from typing import NamedTuple, Protocol
 
 from formation.messages import Stamped, State
 from formation.scenario import LawSettings, Scenario, Vehicle
+from netem.problems import nearest
 
 _HERE = Path(__file__).resolve().parent
 
@@ -137,7 +138,8 @@ def load(kind: str) -> LawFactory:
     """
     entries = installed()
     if kind not in entries:
-        raise UnknownLaw(f"no law {kind!r} is installed (installed: {', '.join(entries)})")
+        hint = nearest(kind, entries)
+        raise UnknownLaw(f"no law {kind!r} is installed (installed: {', '.join(entries)}){hint}")
     try:
         factory: LawFactory = entries[kind].load()
     except Exception as error:

@@ -5,6 +5,7 @@ when some values are bad, each bad value is noted and then replaced by a good
 one, so that the whole can still be built.
 """
 
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
@@ -17,7 +18,7 @@ from pydantic import ValidationError
 from formation.fault import FaultAction, FaultError
 from formation.scenario import Scenario
 from formation.selectors import named
-from netem.problems import Place, Problem, problems
+from netem.problems import Place, Problem, problems, shown
 from netem.settings import SettingError
 from netem.tables import nanoseconds
 from netem.timeline import NEVER
@@ -108,9 +109,11 @@ def _override(data: dict[str, Any], text: str) -> Problem | None:
         last = depth == len(keys) - 1
         place = ".".join(keys[: depth + 1])
         if isinstance(here, list):
-            index = _index(here, key)
-            if index is None:
-                return Problem(f"--set {place}", None, f"there is no {key!r} in this list")
+            known = _keys_of(here)
+            if not key.isdigit() or int(key) not in known:
+                rule = f"there is no {key!r} in this list (there: {', '.join(map(str, known))})"
+                return Problem(f"--set {place}", None, rule)
+            index = known.index(int(key))
             if last:
                 here[index] = value
             else:
@@ -125,14 +128,11 @@ def _override(data: dict[str, Any], text: str) -> Problem | None:
     return None
 
 
-def _index(items: list[Any], key: str) -> int | None:
-    """A list index: of the table whose ``id`` is ``key``, or else ``key`` itself."""
-    if not key.isdigit():
-        return None
+def _keys_of(items: list[Any]) -> list[Any]:
+    """By what the items of a list are addressed: their ``id``, or else their numbers from 0."""
     if any(isinstance(item, dict) and "id" in item for item in items):
-        ids = [item.get("id") if isinstance(item, dict) else None for item in items]
-        return ids.index(int(key)) if int(key) in ids else None
-    return int(key) if int(key) < len(items) else None
+        return [item.get("id") if isinstance(item, dict) else None for item in items]
+    return list(range(len(items)))
 
 
 # --- validation ----------------------------------------------------------------------
@@ -148,7 +148,8 @@ def _validate(data: dict[str, Any], folder: Path | None) -> tuple[Scenario | Non
     try:
         return Scenario.model_validate(data, context=context), []
     except ValidationError as error:
-        errors, found = error.errors(), problems(Scenario, data, error)
+        errors = error.errors()
+        found = [_with_id(data, problem) for problem in problems(Scenario, data, error)]
     data = deepcopy(data)
     for _ in range(5):  # a place inside a mended place may need another round
         for item in errors:
@@ -158,6 +159,15 @@ def _validate(data: dict[str, Any], folder: Path | None) -> tuple[Scenario | Non
         except ValidationError as error:
             errors = error.errors()
     return None, found
+
+
+def _with_id(data: dict[str, Any], problem: Problem) -> Problem:
+    """A problem of ``robots[2]``, which counts from 0, says the robot's id, too."""
+    found = re.match(r"robots\[(\d+)\]", problem.place)
+    robot = data["robots"][int(found[1])] if found else None
+    if not isinstance(robot, dict) or "id" not in robot:
+        return problem
+    return problem._replace(rule=f"{problem.rule} (robot {shown(robot['id'])})")
 
 
 _STAND_INS: dict[str, Any] = {

@@ -269,10 +269,10 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 )
 @click.option(
     "--network",
-    default="perfect",
+    default="ideal",
     show_default=True,
     metavar="PRESET",
-    help="What each link is like: perfect, lan, wifi, wifi-congested, lte, satellite, robot-link.",
+    help="What each link is like: ideal, lan, wifi, wifi-congested, lte, satellite, robot-link.",
 )
 @click.option(
     "--spacing",

@@ -220,14 +220,12 @@ def _values(wish: Wish, offsets: list[Pair], edges: list[Edge]) -> dict[str, Any
 
 def _network(preset: str) -> tuple[float, str]:
     """The delay of half of the messages (s), and the table ``[network.default]``."""
-    if preset == "perfect":
-        return 0.0, 'preset = "ideal"  # every message arrives, at once'
     if preset not in PRESETS:
-        known = ["perfect", *PRESETS]
-        hint = nearest(preset, known) or f" ({', '.join(known)})"
+        hint = nearest(preset, PRESETS) or f" ({', '.join(PRESETS)})"
         raise CannotWrite(f"--network {preset}: no such preset{hint}")
     delay_s = LinkSettings.model_validate({"preset": preset}).delay.quantile_s(0.5)
-    return delay_s, f'preset = "{preset}"'
+    comment = "  # every message arrives, at once" if preset == "ideal" else ""
+    return delay_s, f'preset = "{preset}"{comment}'
 
 
 def _start(random: Random, centre: Pair, reach_m: float) -> tuple[float, float, float]:

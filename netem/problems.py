@@ -4,6 +4,7 @@ Turns a pydantic error into words for people, for whatever model the file is.
 """
 
 import difflib
+import re
 import types
 import typing
 from collections.abc import Iterator
@@ -48,7 +49,7 @@ _RULES = {
     "less_than": "must be less than {lt:g}",
     "less_than_equal": "must be at most {le:g}",
     "literal_error": "must be {expected}",
-    "union_tag_invalid": "its {discriminator} must be one of {expected_tags}",
+    "union_tag_invalid": "must be one of {expected_tags}",
     "union_tag_not_found": "needs {discriminator} to say which kind it is",
     "too_short": "needs at least {min_length} item(s)",
     "too_long": "must have exactly {max_length} items",
@@ -58,15 +59,19 @@ _RULES = {
 
 
 def _problem(model: type[BaseModel], data: Any, loc: Place, kind: str, item: Any) -> Problem:
-    place = dotted(_place(data, loc))
+    value, context = item["input"], item.get("ctx", {})
     if kind == "missing":
         return Problem(dotted((*_place(data, loc[:-1]), loc[-1])), None, "is required")
-    value = shown(item["input"])
+    to_blame = context.get("key", context.get("discriminator", "")).strip("'")
+    if isinstance(value, dict) and to_blame in value:  # said of a table, for one of its keys
+        loc, value = (*loc, to_blame), value[to_blame]
+    place = dotted(_place(data, loc))
     if kind == "extra_forbidden":
-        return Problem(place, value, _unknown_key(model, loc))
+        return Problem(place, shown(value), _unknown_key(model, loc))
     template = _RULES.get(kind)
-    rule = item["msg"] if template is None else template.format(**item.get("ctx", {}))
-    return Problem(place, value, rule)
+    rule = item["msg"] if template is None else template.format(**context)
+    expected = next((context[key] for key in ("expected", "expected_tags") if key in context), "")
+    return Problem(place, shown(value), rule + nearest(str(value), re.findall("'(.*?)'", expected)))
 
 
 def _place(data: Any, loc: Place) -> Place:

@@ -13,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from netem.corrupt import Corrupt
 from netem.delay_settings import ConstantDelaySettings, DelaySettings
@@ -128,7 +128,8 @@ class _Preset(Table):
             return data
         name = data["preset"]
         if not isinstance(name, str) or name not in PRESETS:
-            raise ValueError(f"preset {name!r} is none of {', '.join(PRESETS)}")
+            found = {"key": "preset", "expected": ", ".join(map(repr, PRESETS))}
+            raise PydanticCustomError("unknown_preset", "must be one of {expected}", found)
         rest = {key: value for key, value in data.items() if key != "preset"}
         return _merged(_merged(PRESETS["ideal"], PRESETS[name]), rest)
 

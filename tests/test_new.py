@@ -58,7 +58,7 @@ def test_it_passes_the_check_without_a_warning(pattern, graph, robots):
     ] * 3
 
 
-@pytest.mark.parametrize("network", ["perfect", *PRESETS])
+@pytest.mark.parametrize("network", [*PRESETS])
 def test_every_network_passes_the_check_and_the_schema(network):
     import tomllib
 
@@ -72,7 +72,7 @@ RUNS = [
     WISH._replace(pattern="circle", graph="star", network="satellite", seed=2),
     WISH._replace(pattern="line", graph="path", network="wifi-congested", robots=5),
     WISH._replace(pattern="grid", graph="random", network="lte", robots=7, seed=3),
-    WISH._replace(pattern="circle", graph="complete", network="perfect", robots=4),
+    WISH._replace(pattern="circle", graph="complete", network="ideal", robots=4),
     WISH._replace(network="lan", robots=4, spacing_m=100.0),
     WISH._replace(network="robot-link", robots=2, spacing_m=0.05),
 ]
@@ -112,7 +112,7 @@ def test_every_section_and_every_gain_is_explained():
 @pytest.mark.parametrize("pattern", PATTERNS)
 @pytest.mark.parametrize("robots", [2, 5, 8])
 def test_neighbours_in_a_pattern_stand_at_the_spacing_around_the_origin(pattern, robots):
-    wish = WISH._replace(pattern=pattern, robots=robots, spacing_m=2.5, network="perfect")
+    wish = WISH._replace(pattern=pattern, robots=robots, spacing_m=2.5, network="ideal")
     places = loads(scenario_text(wish)).offsets_m
     gaps = [np.hypot(*(a - b)) for k, a in enumerate(places) for b in places[:k]]
     assert min(gaps) == pytest.approx(2.5, abs=2e-3) or (pattern, robots) == ("wedge", 2)
@@ -224,7 +224,7 @@ def test_nothing_is_overwritten(here):
         (["x", "--pattern", "wegde"], "did you mean 'wedge'?"),
         (["x", "--pattern", "none.csv"], "file none.csv cannot be read: No such file"),
         (["x", "--network", "wify"], "did you mean 'wifi'?"),
-        (["x", "--network", "string"], "(perfect, ideal, lan, wifi"),
+        (["x", "--network", "string"], "(ideal, lan, wifi"),
         (["x", "--robots", "1"], "1 is not in the range 2<=x<=1000"),
         (["x", "--graph", "tree"], "'tree' is not one of"),
         (["x", "--out", "none/x.toml"], "cannot be written: No such file"),
@@ -240,7 +240,7 @@ def test_a_wish_that_cannot_be_met_is_refused(here, words, message):
 
 def test_the_help_names_every_network():
     shown = " ".join(new("--help").output.split())
-    assert ", ".join(("perfect", *(name for name in PRESETS if name != "ideal"))) in shown
+    assert ", ".join(PRESETS) in shown
 
 
 def test_too_stiff_for_any_period_is_said(monkeypatch):

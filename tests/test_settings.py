@@ -65,7 +65,7 @@ BAD = {
     "slots": [({"min_s": 0.2, "max_s": 0.1}, "0.2"), ({"min_s": 0.0, "max_s": 0.1}, "min_s")],
     "keep_order": [("yes", "keep_order")],
     "playout_s": [(-1.0, "playout_s")],
-    "preset": [("wlan", "'wlan' is none of ideal, lan")],
+    "preset": [("wlan", "must be one of 'ideal', 'lan'")],
 }  # fmt: skip
 
 

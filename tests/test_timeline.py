@@ -311,7 +311,7 @@ def test_a_timeline_survives_being_written_and_read(root):
 
 
 BAD = [
-    ('action = "explode"', r"timeline\[0\] = .*its 'action' must be one of 'network', 'ramp', 'cut', 'heal', 'partition'"),
+    ('action = "explode"', r"timeline\[0\]\.action = 'explode': must be one of 'network', 'ramp', 'cut', 'heal', 'partition'"),
     ('action = "cut"\nlinks = [[1, 9]]', r"timeline\[0\]: robot 9 does not exist"),
     ('action = "cut"\nlinks = [[1, 1]]', r"timeline\[0\]: concerns no link of formation.edges"),
     ('action = "cut"\nlinks = [[1]]', r"timeline\[0\].links\[0\]\[1\]: is required"),
@@ -327,7 +327,7 @@ BAD = [
     ('action = "network"\ndelay.low_s = 0.1', r"timeline\[0\].delay.low_s = 0.1: unknown key.*\(on the link from 1 to 2\)"),
     ('action = "network"\ndelay.mean_s = -0.1', r"timeline\[0\].delay.mean_s = -0.1: must be at least 0"),
     ('action = "network"\nloss.model = "random"\nloss.probability = 1.5', r"timeline\[0\].loss.probability = 1.5: must be at most 1"),
-    ('action = "network"\npreset = "wlan"', r"preset 'wlan' is none of ideal"),
+    ('action = "network"\npreset = "wlan"', r"preset = 'wlan': must be one of 'ideal'"),
     ('action = "network"\ndeley.mean_s = 1.0', r"timeline\[0\].deley = .*did you mean 'delay'"),
     ('action = "ramp"\nparameter = "loss.rate"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is no number"),
     ('action = "ramp"\nparameter = "delay.low_s"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].delay.low_s = 1.0: unknown key"),
