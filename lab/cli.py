@@ -80,7 +80,26 @@ WEB = click.option(
 )
 
 
+SECTIONS = {
+    "A run": ("run", "check", "new", "scenarios", "laws"),
+    "Watch": ("monitor", "replay"),
+    "Look back": ("list", "report", "plot", "compare", "export", "verify"),
+    "Many runs": ("claims", "nemesis"),
+    "Networks and machines": ("netem-bridge", "doctor", "keys"),
+    "Editors and shells": ("schema", "completion"),
+    "Started by formnet run": ("plant", "agent"),
+}
+"""The commands as --help shows them."""
+
+
 class _Commands(click.Group):
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        column = max(map(len, self.commands))
+        for title, names in SECTIONS.items():
+            shown = [(name, self.commands[name].get_short_help_str(62)) for name in names]
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(column), text) for name, text in shown])
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
@@ -134,7 +153,9 @@ def run(
     view: bool,
     web: bool,
 ) -> None:
-    """Run SCENARIO and judge it: a file, or the name of one in `formnet scenarios`.
+    """Run SCENARIO and judge it.
+
+    SCENARIO is a file, the name of one of `formnet scenarios`, or the folder of a run.
 
     Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged; 2: bad
     scenario or usage; 3: the run itself broke; 130: interrupted.
@@ -181,10 +202,10 @@ def monitor(
     plaintext: bool,
     leash: bool,
 ) -> None:
-    """Watch a run that goes on: that of the folder RUN, by default the newest below runs.
+    """Watch a run that goes on.
 
-    It only listens: the run does not notice it, whatever becomes of it. Without --web or --save
-    it opens a window.
+    RUN is its folder, by default the newest below runs. The monitor only listens: the run does not notice it, whatever becomes of it. Without --web or --save it
+    opens a window.
 
     Exit code 0: the run was seen to its end; 1: it broke off; 2: there is nothing to watch.
     """
@@ -221,16 +242,21 @@ def monitor(
     show_default=True,
     help="How many simulated seconds a second.",
 )
+@VIEW
 @WEB
-def replay(folder: Path, speed: float, web: bool) -> None:
-    """Watch the recorded run in the folder RUN again, in a window or (--web) a browser."""
+def replay(folder: Path, speed: float, view: bool, web: bool) -> None:
+    """Watch a recorded run again.
+
+    RUN is its folder. Without --web it opens a window.
+    """
     from formation.loading import ScenarioError
     from lab.replay import NoScene
     from lab.replay import replay as show
     from lab.viewer import ViewerFailed
 
+    shown = _view(view=view, web=web)
     try:
-        show(folder, speed, web=web, say=click.echo)
+        show(folder, speed, web=shown == "web", say=click.echo)
     except (NoScene, ScenarioError, ViewerFailed) as error:
         _fail(2, str(error))
 
@@ -239,7 +265,7 @@ def replay(folder: Path, speed: float, web: bool) -> None:
 @SCENARIO
 @OVERRIDE
 def check(scenario: Path, overrides: tuple[str, ...]) -> None:
-    """Validate SCENARIO and say what the theory makes of it."""
+    """Validate SCENARIO; say what the theory makes of it."""
     from lab.check import check_scenario
 
     sys.exit(check_scenario(scenario, overrides))
@@ -307,10 +333,11 @@ def new(
     out: Path | None,
     mode: str,
 ) -> None:
-    """Write a scenario to begin with: NAME.toml, with comments.
+    """Write a scenario to begin with.
 
-    Its gains and periods suit the pattern, the graph and the number of robots. A file is never
-    overwritten. scenario.schema.json is put beside it, by which editors complete and check.
+    NAME.toml is written, with comments. Its gains and periods suit the pattern, the graph and
+    the number of robots. A file is never overwritten. scenario.schema.json is put beside it, by
+    which editors complete and check.
     """
     from lab.new import CannotWrite, Wish, write
 
@@ -370,7 +397,7 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
 @main.command()
 @RUNS
 def report(folders: tuple[Path, ...]) -> None:
-    """Make report.html of runs again, from their folders alone."""
+    """Make report.html again, from a run's folder."""
     from lab.report import report_runs
 
     sys.exit(report_runs(folders))
@@ -385,7 +412,7 @@ def report(folders: tuple[Path, ...]) -> None:
     help="New folder  [default: figures/ of the run]",
 )
 def plot(folder: Path, out: Path | None) -> None:
-    """Draw the figures of a run again, from its folder."""
+    """Draw a run's figures again, from its folder."""
     from lab.plot import plot_run
 
     sys.exit(plot_run(folder, out))
@@ -542,20 +569,18 @@ def nemesis(
 )
 @KEYS
 def doctor(hosts: Path | None, keys: Path | None) -> None:
-    """Check this machine and other hosts, and say how to mend what is wrong.
+    """Check this machine and others; say how to mend what is wrong.
 
     Exit code 0: all is well; 1: something is not; 2: bad usage.
     """
-    try:
-        from lab.doctor import examine
-    except ImportError:
-        _fail(2, f"doctor needs more packages: {install('hosts')}")
+    from lab.doctor import examine
+
     sys.exit(examine(hosts, keys))
 
 
 @main.group()
 def keys() -> None:
-    """Certificates: who is who in a run over several machines."""
+    """Make certificates: who is who in a run."""
 
 
 @keys.command("init")
@@ -634,9 +659,9 @@ def scenarios() -> None:
     help="Show statistics and take changes there (HTTP, JSON), e.g. 127.0.0.1:8765.",
 )
 def netem_bridge(first: str, second: str, keys: str, network: Path, control: str | None) -> None:
-    """Join two Zenoh networks through emulated links, until Ctrl-C.
+    """Join two Zenoh networks by emulated links.
 
-    Carries publications (put, delete), queries and replies that match --key, both ways.
+    Until Ctrl-C. Carries publications (put, delete), queries and replies that match --key, both ways.
     """
     from lab.bridge import run_bridge
 
@@ -662,7 +687,7 @@ def agent(
     plaintext: bool,
     lease_s: float,
 ) -> None:
-    """Be one robot of a run (formnet run starts these)."""
+    """Be one robot of a run."""
     _choose_threads(lease_s)
     from agent.process import main as agent_main
     from formation.bus import BusError
@@ -719,7 +744,7 @@ def plant(
     plaintext: bool,
     lease_s: float,
 ) -> None:
-    """Be the plant of a run of SCENARIO (formnet run starts it)."""
+    """Be the plant of a run of SCENARIO."""
     if (listen is None) == (connect is None):
         raise click.UsageError("needs --listen or --connect, and not both")
     _choose_threads(lease_s)

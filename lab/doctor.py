@@ -8,16 +8,19 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console
 from rich.markup import escape
 
 from formation.hosts import Host, Hosts, HostsError, load_hosts
 from formation.security import MONITOR, PLANT
-from lab.hosts import Fleet, HostLost
+from lab.build import install
 from lab.probe import certificate, probe
 from lab.run import ALL_HOLD, BAD_INPUT, ONE_FAILS
+
+if TYPE_CHECKING:
+    from lab.hosts import Fleet
 
 MOST_CLOCK_OFFSET_S = 0.5
 """A host whose clock differs by more has none that is kept; its logs and certificates suffer."""
@@ -67,6 +70,11 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
             yield from _certificate("here", name, certificate(keys, name), None)
     if hosts is None:
         return
+    try:
+        from lab.hosts import Fleet
+    except ImportError:
+        yield Check("here", "SSH", "", "the package asyncssh is missing", install("hosts"))
+        return
     with _listening(hosts.listen) as trouble, Fleet() as fleet:
         yield Check(
             "here", "port", f"can listen at {hosts.listen}",
@@ -82,9 +90,11 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
 
 
 def _of_host(
-    fleet: Fleet, host: Host, listen: str, here: dict[str, Any], authority: str | None,
+    fleet: "Fleet", host: Host, listen: str, here: dict[str, Any], authority: str | None,
     *, open_: bool,
 ) -> Iterator[Check]:  # fmt: skip
+    from lab.hosts import HostLost
+
     try:
         fleet.run(host, "true")
     except HostLost as error:

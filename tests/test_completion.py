@@ -37,6 +37,15 @@ def completed(*words):
     return [(item.type, item.value) for item in found]
 
 
+def test_the_help_shows_every_command_once_and_whole():
+    from lab.cli import SECTIONS
+
+    assert sorted(sum(SECTIONS.values(), ())) == sorted(main.commands)
+    shown = CliRunner().invoke(main, ["--help"], terminal_width=80).output
+    assert shown.count("...") == 1  # COMMAND [ARGS]...
+    assert max(map(len, shown.splitlines())) <= 80
+
+
 def test_commands():
     assert ("plain", "check") in completed("ch")
     assert {"new", "netem-bridge", "nemesis"} <= {value for _, value in completed("ne")}

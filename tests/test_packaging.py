@@ -60,6 +60,19 @@ def test_an_unknown_scenario_is_told_what_is_near(command):
     assert "did you mean paper/section5-delay" in " ".join(told.output.split())
 
 
+def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "asyncssh", None)
+    monkeypatch.delitem(sys.modules, "lab.hosts", raising=False)
+    assert formnet("doctor").exit_code == 0
+    hosts = tmp_path / "hosts.toml"
+    hosts.write_text(
+        'listen = "tcp/127.0.0.1:7447"\n[[hosts]]\nname = "a"\nssh = "a"\nrobots = [1]\n'
+    )
+    told = formnet("doctor", "--hosts", hosts)
+    assert told.exit_code == 1
+    assert "pip install 'formnet[hosts]'" in told.output
+
+
 def test_help_loads_nothing_heavy():
     code = (
         "import sys\nfrom lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
