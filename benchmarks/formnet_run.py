@@ -32,7 +32,7 @@ class _Clock:
     def __call__(self, record: Record) -> None:
         if isinstance(record, Event) and record.kind == "started":
             self.started_s = time.perf_counter()
-        elif isinstance(record, Event) and record.kind == "ended":
+        elif isinstance(record, Event) and record.kind == "last tick":
             self.ended_s = time.perf_counter()
         self._also(record)
 

@@ -59,7 +59,7 @@ class Event(NamedTuple):
     """Something worth a line in ``events.jsonl``: what, at which virtual time, and details.
 
     Every run has ``started`` before its first tick and, if it came that far,
-    ``ended`` after its last, before the robots hand in their last reports.
+    ``last tick`` after its last, before the robots hand in their last reports.
     """
 
     kind: str

@@ -39,16 +39,16 @@ def assess(scenario: Scenario) -> Assessment:
     smallest = smallest_eigenvalue(matrix, damping)
     margin = scenario.law.beta * smallest
     broken = _broken_assumptions(scenario)
-    gaps, imperfect = _uncovered(scenario), _imperfect_link(scenario)
+    gaps, disturbances = _uncovered(scenario), _disturbances(scenario)
     theorem: int | None = None
-    if broken or gaps or imperfect:
-        why = "no theorem applies: " + "; ".join([*broken, *gaps, *imperfect])
+    if broken or gaps or disturbances:
+        why = "no theorem applies: " + "; ".join([*broken, *gaps, *disturbances])
     else:
         theorem, why = _theorem(scenario, any(mu > 0 for mu in damping))
     claims = (
         {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
     )
-    # To see what holds on an imperfect network is what a run is for: no warning.
+    # To see what holds on an imperfect network, with failures, is what a run is for: no warning.
     beyond = bool(broken or gaps)
     warnings = [*broken, *_expectation_warnings(scenario, theorem, claims, gaps, beyond=beyond)]
     if theorem in (2, 4) and scenario.law.cross_term == "printed" and margin <= 0.25:
@@ -89,10 +89,6 @@ def _uncovered(scenario: Scenario) -> list[str]:
         gaps.append(
             f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
         )
-    if scenario.plan:
-        first = scenario.plan[0]
-        what = "robots fail" if first.robots else "the network changes"
-        gaps.append(f"{what} at {first.at_s:g} s ({first.what})")
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
     if not damped and any(value for values in delays.values() for value in values):
         gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
@@ -101,8 +97,21 @@ def _uncovered(scenario: Scenario) -> list[str]:
     return gaps
 
 
+def _disturbances(scenario: Scenario) -> list[str]:
+    """What happens to robots and messages that no theorem allows: the first of either."""
+    return [*_planned(scenario), *_imperfect_link(scenario)]
+
+
+def _planned(scenario: Scenario) -> list[str]:
+    if not scenario.plan:
+        return []
+    first = scenario.plan[0]
+    what = "robots fail" if first.robots else "the network changes"
+    more = f" and {len(scenario.plan) - 1} more" if len(scenario.plan) > 1 else ""
+    return [f"{what} at {first.at_s:g} s ({first.what}{more})"]
+
+
 def _imperfect_link(scenario: Scenario) -> list[str]:
-    """What the first link does to messages that no theorem allows."""
     for source, destination in scenario.directed_links:
         settings = scenario.link_settings(source, destination)
         place = f"the link from {source} to {destination}"

@@ -8,8 +8,7 @@ from rich.markup import escape
 from formation.loading import ScenarioError
 from formation.scenario import Scenario
 from formation.theory import Assessment, assess
-from lab import stiffness
-from lab.run import ALL_HOLD, BAD_INPUT, load_checked, report_problems
+from lab.run import ALL_HOLD, BAD_INPUT, load_checked, look_ahead, report_problems
 
 
 def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
@@ -24,8 +23,7 @@ def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
     console.print(f"{escape(str(path))}: valid", soft_wrap=True)
     for line in [*describe(assessment), *describe_plan(scenario)]:
         console.print(escape(line), soft_wrap=True)
-    for warning in stiffness.warnings(scenario):
-        console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+    look_ahead(console, scenario)
     return ALL_HOLD
 
 

@@ -204,8 +204,8 @@ def monitor(
 ) -> None:
     """Watch a run that goes on.
 
-    RUN is its folder, by default the newest below runs. The monitor only listens: the run does not notice it, whatever becomes of it. Without --web or --save it
-    opens a window.
+    RUN is its folder, by default the newest below runs. The monitor only listens: the run does
+    not notice it, whatever becomes of it. Without --web or --save it opens a window.
 
     Exit code 0: the run was seen to its end; 1: it broke off; 2: there is nothing to watch.
     """
@@ -661,7 +661,8 @@ def scenarios() -> None:
 def netem_bridge(first: str, second: str, keys: str, network: Path, control: str | None) -> None:
     """Join two Zenoh networks by emulated links.
 
-    Until Ctrl-C. Carries publications (put, delete), queries and replies that match --key, both ways.
+    Until Ctrl-C. Carries publications (put, delete), queries and replies that match --key, both
+    ways.
     """
     from lab.bridge import run_bridge
 

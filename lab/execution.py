@@ -7,6 +7,7 @@ from formation.record import Outcome, Sink
 from lab import inline as one_process
 from lab.launch import HERE, Begun, Launch, Place
 from lab.recording import Recording
+from lab.signals import again_raises
 
 
 def execute(
@@ -22,8 +23,9 @@ def execute(
     """Run ``recording.scenario``, records going to ``sink``; ``stopped`` ends it early.
 
     ``sink`` passes them on to ``recording``. ``refresh`` is called now and then. The logs of a
-    distributed run's processes are put into the recording's folder; ``place`` says where they are,
-    and ``begun`` is told where they meet before the robots are started.
+    distributed run's processes are put into the recording's folder, and that of a law that raised
+    in an inline one; ``place`` says where processes are, and ``begun`` is told where they meet
+    before the robots are started.
 
     Raises:
         HostUnreachable: a robot's host cannot be reached.
@@ -40,4 +42,9 @@ def execute(
         refresh()
         return stopped()
 
-    return one_process.run(scenario, name, sink, asked)
+    def log(robot: int, text: str) -> None:
+        (folder / "logs").mkdir(exist_ok=True)
+        (folder / "logs" / f"robot-{robot}.log").write_text(text, encoding="utf-8")
+
+    with again_raises(stopped):
+        return one_process.run(scenario, name, sink, asked, log)

@@ -4,6 +4,7 @@ It is the oracle of the distributed run (bit-identical trajectories, faults too)
 fast way to run many scenarios.
 """
 
+import traceback
 from collections import deque
 from collections.abc import Callable
 
@@ -12,6 +13,7 @@ from agent.robot import Robot
 from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario
+from lab import stuck
 from netem.link import IN_FLIGHT, LOST_DOWN
 from plant.world import DIVERGED, World
 
@@ -19,10 +21,20 @@ _FLUSH_TICKS = 100
 
 
 def run(
-    scenario: Scenario, name: str, sink: Sink, stopped: Callable[[], bool] = lambda: False
+    scenario: Scenario,
+    name: str,
+    sink: Sink,
+    stopped: Callable[[], bool] = lambda: False,
+    log: Callable[[int, str], None] = lambda *_: None,
 ) -> Outcome:
-    """Run ``scenario`` as ``name``, reporting to ``sink``; ``stopped`` is asked now and then."""
-    return _Run(scenario, name, sink).until_the_end(stopped)
+    """Run ``scenario`` as ``name``, reporting to ``sink``; ``stopped`` is asked now and then.
+
+    ``log`` takes the number of a robot whose law raised, and the traceback. KeyboardInterrupt
+    ends the run like ``stopped``, in the middle of a law that does not come back.
+    """
+    run = _Run(scenario, name, sink)
+    with stuck.told(run.complain, run.tick):
+        return run.until_the_end(stopped, log)
 
 
 class _Run:
@@ -30,8 +42,21 @@ class _Run:
         self._scenario, self._name, self._sink = scenario, name, sink
         self._world = World(scenario)
         self._robots: dict[int, Robot] = {}  # those that have a process, or would have one
+        self._at_work = 0  # the robot that is
 
-    def until_the_end(self, stopped: Callable[[], bool]) -> Outcome:
+    def tick(self) -> int:
+        """How far it is."""
+        return self._world.tick
+
+    def complain(self, where: str) -> None:
+        """Say on whom the run waits, as a plant does, and where its law is."""
+        details = {"for": f"answer (it is at {where})", "robots": [self._at_work]}
+        self._sink(Event("waiting", self._world.t_ns, details))
+
+    def until_the_end(
+        self, stopped: Callable[[], bool], log: Callable[[int, str], None]
+    ) -> Outcome:
+        """Run to the end, or to where it must end."""
         world = self._world
         try:
             for robot in self._scenario.ids:
@@ -49,12 +74,16 @@ class _Run:
                     if stopped():
                         return self._finish("interrupted", None, "stopped by the user")
         except LawFailed as error:
+            log(error.robot, "".join(traceback.format_exception(error.__cause__)))
             return self._finish("failed", error.robot, str(error))
+        except KeyboardInterrupt:
+            return self._finish("interrupted", None, "stopped by the user")
         if world.diverged is not None:
             return self._finish("diverged", world.diverged.robot, DIVERGED)
         return self._finish("completed", None, "")
 
     def _start(self, robot: int) -> None:
+        self._at_work = robot
         try:
             law = make(self._scenario, robot)
             self._robots[robot] = Robot(
@@ -77,6 +106,7 @@ class _Run:
         world, robots = self._world, self._robots
         drives: deque[Drive] = deque()
         for robot, sense in world.senses():
+            self._at_work = robot
             outgoing, drive = robots[robot].on_sense(sense)
             if drive is not None:
                 drives.append(drive)
@@ -85,6 +115,7 @@ class _Run:
             payload, note = outgoing.payload, outgoing.envelope.pack()
             for neighbour in self._scenario.neighbours_of[robot]:
                 receiver = robots.get(neighbour)
+                self._at_work = neighbour
                 drive = None if receiver is None else receiver.on_broadcast(robot, payload, note)
                 if drive is not None:
                     drives.append(drive)
@@ -108,7 +139,7 @@ class _Run:
         world = self._world
         t_ns = world.t_ns if world.diverged is None else world.diverged.t_ns
         outcome = Outcome(kind, t_ns, robot, reason)
-        self._sink(Event("ended", t_ns, {"outcome": kind}))
+        self._sink(Event("last tick", t_ns, {}))
         self._flush()
         for left in self._robots.values():
             self._report(left, IN_FLIGHT)

@@ -28,6 +28,8 @@ def find(folder: Path | None) -> tuple[str, str]:
     """
     candidates = [folder / FILE] if folder is not None else list(Path("runs").glob(f"*/{FILE}"))
     there = [file for file in candidates if file.is_file()]
+    if folder is not None and not folder.exists():
+        raise LookupError(f"{folder}: no such folder")
     if not there:
         where = folder or "runs"
         raise LookupError(

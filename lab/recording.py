@@ -88,11 +88,16 @@ def fresh_folder(folder: Path) -> Path:
 
     Raises:
         RunExists: ``folder`` exists and is not empty.
-        OSError: ``folder`` cannot be made.
+        OSError: ``folder`` cannot be made; the text says why.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    try:
+        taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        if not taken:
+            folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"{folder} cannot be made: {error.strerror}") from None
+    if taken:
         raise RunExists(f"{folder} exists already; a run is never overwritten")
-    folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 

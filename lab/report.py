@@ -220,8 +220,11 @@ def _headline(run: Recorded, standing: str) -> str:
 
 
 def _failing(judged: Mapping[str, Any]) -> Iterator[str]:
-    if judged["outcome"]["kind"] == "diverged":
-        yield f"the run diverged at t = {judged['outcome']['t_s']:.3f} s"
+    outcome = judged["outcome"]
+    if outcome["kind"] == "diverged":
+        who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
+        yield f"the run diverged at t = {outcome['t_s']:.3f} s:{who} {outcome['reason']}"
+        return
     for name, claim in judged["claims"].items():
         if claim["expected"] is None or claim["holds"]:
             continue
@@ -263,7 +266,7 @@ def _notes(run: Recorded) -> Iterator[str]:
     if _falling(judged):
         yield ("What fails was still falling at the end: it may need a longer run "
                "(--set duration_s=…).")  # fmt: skip
-    yield from assess(run.scenario).warnings
+    yield from judged.get("warnings", assess(run.scenario).warnings)  # not in older runs
 
 
 def _falling(judged: Mapping[str, Any]) -> bool:

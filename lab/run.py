@@ -17,7 +17,7 @@ from agent.law import accepts
 from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
-from lab import live, lyapunov, stiffness, verdict
+from lab import live, lyapunov, stiffness, stuck, verdict
 from lab.execution import execute
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
@@ -58,8 +58,7 @@ def run_scenario(
             "--set clock.mode=lockstep, or leave --inline out", soft_wrap=True,
         )  # fmt: skip
         return BAD_INPUT
-    for warning in stiffness.warnings(scenario):
-        console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+    warnings = look_ahead(console, scenario)
     try:
         hosts = None if inline else where.hosts(scenario)
     except BadPlace as error:
@@ -101,7 +100,8 @@ def run_scenario(
             except HostUnreachable as error:
                 outcome = Outcome("broken", 0, None, str(error))
                 watch.take(outcome)
-        code = _conclude(console, recording, scene, outcome, watch.wall_s, mode)
+        how = {"mode": mode, "wall_s": watch.wall_s, "warnings": warnings}
+        code = _conclude(console, recording, scene, outcome, how)
         if watcher is not None:
             watcher.stay(stopped.is_set)
         return code
@@ -120,6 +120,19 @@ def load_checked(path: Path, overrides: tuple[str, ...]) -> Scenario:
     return scenario
 
 
+def look_ahead(console: Console, scenario: Scenario) -> list[str]:
+    """Print what is to be feared, and return it."""
+
+    def say(where: str) -> None:
+        console.print(f"[yellow]looking ahead[/] takes long: the law is at {where}")
+
+    with stuck.told(say):
+        warnings = stiffness.warnings(scenario)
+    for warning in warnings:
+        console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+    return warnings
+
+
 def report_problems(console: Console, error: ScenarioError) -> None:
     """Print every problem of a scenario, one a line: file, key, value, rule."""
     for problem in error.problems:
@@ -127,13 +140,13 @@ def report_problems(console: Console, error: ScenarioError) -> None:
 
 
 def _conclude(
-    console: Console, recording: Recording, scene: "RunFile", outcome: Outcome, wall_s: float,
-    mode: str,
+    console: Console, recording: Recording, scene: "RunFile", outcome: Outcome,
+    how: dict[str, Any],
 ) -> int:  # fmt: skip
-    """Save, judge, draw and print; returns the exit code."""
+    """Save, judge (``how``: see :func:`lab.verdict.of`), draw and print; returns the exit code."""
     recording.save()
     scene.close(lyapunov.curve(recording))
-    judged = verdict.of(recording, mode=mode, wall_s=wall_s)
+    judged = verdict.of(recording, **how)
     verdict.save(judged, recording.folder)
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     output().print(links_table(rows, "all are in verdict.json"))
@@ -159,8 +172,8 @@ def _conclude(
 
 def _table(judged: dict[str, Any]) -> Table:
     table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left",
-                  box=SIMPLE_HEAD)  # fmt: skip
-    for column in ("claim", "expected", "observed", "error at end", "tolerance", "verdict"):
+                  box=SIMPLE_HEAD, padding=(0, 1, 0, 0))  # fmt: skip
+    for column in ("claim", "expected", "observed", "largest at end", "tolerance", "verdict"):
         table.add_column(column, justify="left" if column == "claim" else "right", no_wrap=True)
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
     words = {True: "yes", False: "no", None: "-"}
@@ -206,8 +219,8 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
         who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
         console.print(
             f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} "
-            + escape(outcome["reason"])
-        )
+            + escape(outcome["reason"]), soft_wrap=True,
+        )  # fmt: skip
     rises = judged["lyapunov"]["rises"] if judged["lyapunov"] is not None else []
     if rises:
         first = rises[0]
@@ -299,7 +312,7 @@ class _Watch:
         if isinstance(record, Event):
             if record.kind == "started":
                 self._started = time.monotonic()
-            elif record.kind == "ended":
+            elif record.kind == "last tick":
                 self._ended = time.monotonic()
             elif record.kind == "host lost":
                 self._console.print(

@@ -2,8 +2,9 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 @contextmanager
@@ -17,3 +18,26 @@ def stop_signals() -> Iterator[threading.Event]:
     finally:
         for kind, handler in zip(kinds, before, strict=True):
             signal.signal(kind, handler)
+
+
+@contextmanager
+def again_raises(stopped: Callable[[], bool]) -> Iterator[None]:
+    """Here a second SIGINT, one that comes when it is ``stopped``, raises KeyboardInterrupt.
+
+    For what may be in code that never asks. Only the main thread hears signals; others go on.
+    """
+    before = signal.getsignal(signal.SIGINT)
+
+    def heard(*arguments: Any) -> None:
+        if stopped() or not callable(before):
+            raise KeyboardInterrupt
+        before(*arguments)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, heard)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -20,7 +20,9 @@ from netem.statistics import Fate, summarise
 from netem.tables import nanoseconds
 
 
-def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
+def of(
+    recording: Collected, *, mode: str, wall_s: float, warnings: Sequence[str] = ()
+) -> dict[str, Any]:
     """The contents of ``verdict.json`` (numbers that are not finite become null).
 
     A claim is judged over the last ``expect.window_s`` of the run: it is
@@ -29,6 +31,7 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
     diverged no equation holds; one that ended early in another way is not judged.
     The equations are about the robots that are up at the end; where none is, nothing is judged.
     ``lyapunov`` is judged over the whole run (see :mod:`lab.lyapunov`).
+    ``warnings`` are those that were given before the run.
     """
     scenario, outcome = recording.scenario, recording.outcome
     assert outcome is not None
@@ -75,6 +78,7 @@ def of(recording: Collected, *, mode: str, wall_s: float) -> dict[str, Any]:
                 for event in recording.events if event.kind == "lost"
             ],
         },
+        "warnings": list(warnings),
         "theorem": assessment.theorem,
         "why": assessment.why,
         "formation_error_m": _last(found.formation_m),
@@ -206,7 +210,8 @@ def _lyapunov_claim(
     known = rising is not None and rising["from_s"] is not None
     gains = [rise["relative_gain"] for rise in rising["rises"]] if rising is not None else []
     observed = False if diverged else not gains if known else None
-    largest = None if not known or None in gains else max(gains, default=0.0)
+    unknown = not known or None in gains or (diverged and not gains)
+    largest = None if unknown else max(gains, default=0.0)
     return {
         "expected": expected,
         "observed": observed,

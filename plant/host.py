@@ -141,7 +141,7 @@ class Host:
         with self._lock:
             self._running = False
         self._wind_up()
-        self._sink(Event("ended", outcome.t_ns, {"outcome": outcome.kind}))
+        self._sink(Event("last tick", outcome.t_ns, {}))
         self._farewell(outcome)
         self._report()
         self._last_words()

@@ -165,7 +165,7 @@ def backwards(copy):
 
 
 def no_end(copy):
-    copy.events = [event for event in copy.events if event.kind != "ended"]
+    copy.events = [event for event in copy.events if event.kind != "last tick"]
 
 
 def lost(copy):
@@ -189,7 +189,7 @@ def lost(copy):
         (another_kill, r"happened and not planned: (900000000, 'kill', (2,))"),
         (resumed_for_nothing, r"happened and not planned: (900000000, 'resume', (2,))"),
         (backwards, "events: pause at 600000000 ns after resume at 700000000 ns"),
-        (no_end, "must begin with started and have one ended"),
+        (no_end, "must begin with started and have one last tick"),
         (lost, "lost without a plan: robot 2 (its process is gone)"),
     ],
 )

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -17,10 +19,14 @@ import pyarrow.parquet as pq
 import pytest
 from conftest import missing
 
+from agent.law import Command, Situation
 from formation import bus, record
 from formation.loading import load
+from formation.record import Event, Outcome, Record
 from lab import build
+from lab.execution import execute
 from lab.launch import free_port
+from lab.recording import Recording
 
 SECTION5 = "paper/section5-delay"
 EVERY_ACTION = "network/every-action"
@@ -476,6 +482,46 @@ def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, m
     assert said in " ".join(run.output().split())
     if mode != "realtime":
         assert f"failed at t = {after_ns / 1e9:.3f} s: {said}" in " ".join(run.output().split())
+    log = (tmp_path / "plug-in" / "logs" / "robot-4.log").read_text()
+    assert "broken_law.py" in log
+    assert "ZeroDivisionError: division by zero\n" in log
+
+
+def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tmp_path):
+    """By a second SIGINT; the first is taken in only between ticks."""
+    told, interrupted = threading.Event(), threading.Event()
+
+    class Endless:
+        def __init__(self, situation: Situation) -> None:
+            self.robot = situation.robot
+
+        def command(self, now_ns: int, *_: object) -> Command:
+            if self.robot == 4 and now_ns == 3 * 10**6:
+                assert told.wait(60.0)
+                for _ in range(2):
+                    signal.raise_signal(signal.SIGINT)
+                raise AssertionError("not reached")
+            return Command(0.0, 0.0)
+
+    class Sink(Recording):
+        def __call__(self, record: Record) -> None:
+            super().__call__(record)
+            if isinstance(record, Event) and record.kind == "waiting":
+                told.set()
+
+    monkeypatch.setattr("lab.stuck.PATIENCE_S", 0.05)
+    monkeypatch.setattr("agent.law.load", lambda kind: Endless)
+    recording = Sink(tmp_path / "run", load(Path(f"configs/{SECTION5}.toml")))
+    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
+    try:
+        outcome = execute(recording, recording, interrupted.is_set, inline=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert outcome == Outcome("interrupted", 3 * 10**6, None, "stopped by the user")
+    (waiting,) = [event for event in recording.events if event.kind == "waiting"]
+    assert waiting.details["robots"] == [4]
+    assert re.fullmatch(r"answer \(it is at threading\.py:\d+\)", waiting.details["for"])
+    assert len(recording.samples) == 5
 
 
 def test_a_plug_in_law_runs(start, tmp_path):

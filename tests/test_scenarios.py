@@ -135,7 +135,10 @@ def test_no_such_file_and_a_folder(tmp_path):
     ("override", "message"),
     [
         ("beta", "--set beta: must read key.path=value, such as law.beta=5"),
-        ("robots.9.damping=1", "--set robots.9: there is no '9' in this list (there: 1, 2, 3, 4, 5)"),
+        (
+            "robots.9.damping=1",
+            "--set robots.9: there is no '9' in this list (there: 1, 2, 3, 4, 5)",
+        ),
         ("seed.x=1", "--set seed.x: seed is not a table"),
         ("law.betta=1", "law.betta = 1: unknown key; did you mean 'beta'?"),
         ("law.beta=ten", "law.beta = 'ten': must be a number"),

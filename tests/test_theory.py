@@ -167,6 +167,12 @@ IMPERFECT = [
         ["network.links=[{from=[3], to=[4], loss={probability=0.01}}]"],
         ["from 3 to 4 loses messages"],
     ),
+    (
+        "theorem4",
+        ['timeline=[{at_s=1.0,action="kill",robots=2},{at_s=2.0,action="cut",links="*"}]'],
+        ["robots fail at 1 s", "and 1 more"],
+    ),
+    ("theorem4", ['timeline=[{at_s=1.0,action="cut",links="*"}]'], ["network changes at 1 s"]),
 ]
 GAPS = [
     ("theorem4", ["law.delta=printed"], ["Eq. 19"]),

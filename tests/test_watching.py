@@ -323,6 +323,7 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     for arguments, words in [
         (["monitor"], "runs: no run goes on there"),
+        (["monitor", "nonsuch"], "nonsuch: no such folder"),
         (["monitor", "empty"], "empty: no run goes on there"),
         (["monitor", "empty", "--connect", "tcp/127.0.0.1:1"], "exclude each other"),
         (["monitor", "--view", "--web"], "--view and --web exclude each other"),

@@ -98,8 +98,8 @@ def _events(run: Collected) -> Iterator[str]:
     """In the order of time, from the start to the end; to robots happens what is planned."""
     events = run.events
     kinds = [event.kind for event in events]
-    if not kinds or kinds[0] != "started" or kinds.count("ended") != 1:
-        yield f"events: must begin with started and have one ended: {kinds[:3]} … {kinds[-3:]}"
+    if not kinds or kinds[0] != "started" or kinds.count("last tick") != 1:
+        yield f"events: must begin with started and have one last tick: {kinds[:3]} … {kinds[-3:]}"
     happened = [event for event in events if event.kind in ORDER]
     for before, after in pairwise(happened):
         if after.t_ns < before.t_ns:
