@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from formation.scenario import Expect, Scenario
 from lab import link_figures
-from lab.canvas import COLOURS, around, blank
+from lab.canvas import COLOURS, around, blank, bowed, bows
 from lab.lyapunov import Curve, equation, rises
 from lab.lyapunov import curve as lyapunov_curve
 from lab.recording import Collected, Trajectories
@@ -182,24 +182,32 @@ def graph(scenario: Scenario) -> Figure:
     """The communication graph, robots at their places in the pattern; damped robots marked."""
     figure = blank(5.2, 5.2)
     axes = figure.subplots()
-    offsets = dict(zip(scenario.ids, scenario.offsets_m, strict=True))
-    for edge, weight in scenario.formation.weights.items():
-        ends = np.array([offsets[robot] for robot in edge])
-        axes.plot(ends[:, 0], ends[:, 1], color="0.6", lw=1.5, zorder=1)
-        axes.annotate(f"{weight:g}", ends.mean(axis=0), fontsize=8, color="0.35",
-                      ha="center", va="center",
-                      bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
-    for i, (robot, offset) in enumerate(offsets.items()):
+    weights = scenario.formation.weights
+    column = {robot: k for k, robot in enumerate(scenario.ids)}
+    edges = [(column[a], column[b]) for a, b in weights]
+    alike = len(set(weights.values())) <= 1
+    for edge, bow, weight in zip(
+        edges, bows(scenario.offsets_m, edges), weights.values(), strict=True
+    ):
+        line = bowed(scenario.offsets_m[list(edge)], bow, np.linspace(0.0, 1.0, 41))
+        axes.plot(line[:, 0], line[:, 1], color="0.6", lw=1.5, zorder=1)
+        if not alike:
+            axes.annotate(f"{weight:g}", line[20], fontsize=8, color="0.35",
+                          ha="center", va="center",
+                          bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
+    for i, (robot, offset) in enumerate(zip(scenario.ids, scenario.offsets_m, strict=True)):
         damping = scenario.vehicles[robot].damping
         axes.plot(*offset, "o", ms=22, color=COLOURS[i % len(COLOURS)],
                   mec="black" if damping > 0 else "none", mew=2.0, zorder=2)  # fmt: skip
         axes.annotate(str(robot), offset, color="white", ha="center", va="center", zorder=3)
         if damping > 0:
             axes.annotate(f"μ = {damping:g}", offset, xytext=(0, -24), textcoords="offset points",
-                          ha="center", fontsize=8)  # fmt: skip
+                          ha="center", fontsize=8,
+                          bbox={"fc": "white", "ec": "none", "pad": 0.5})  # fmt: skip
     axes.margins(0.2)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title("communication graph, b on the edges")
+    said = f"b = {next(iter(weights.values())):g}" if alike and weights else "b on the edges"
+    axes.set_title(f"communication graph, {said}")
     axes.set_xlabel("p_x (m)")
     axes.set_ylabel("p_y (m)")
     return figure

@@ -4,9 +4,15 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
 from formation.loading import load
+from lab.recording import STATES
 from lab.rrd import FILE
-from lab.scene import blueprint
+from lab.scene import blueprint, half_width
 from lab.signals import stop_signals
 from lab.viewer import Viewer
 
@@ -27,7 +33,8 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
     """
     if not (folder / FILE).is_file():
         raise NoScene(f"{folder}: has no {FILE} (made by `formnet run`)")
-    layout = blueprint(load(folder / "scenario.toml"), speed=speed)
+    scenario = load(folder / "scenario.toml")
+    layout = blueprint(scenario, half_width(scenario, _places(folder)), speed=speed)
     with stop_signals() as stopped, tempfile.TemporaryDirectory() as place:
         plan = Path(place) / "formnet.rbl"
         layout.save("formnet", str(plan))
@@ -39,3 +46,12 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
                 pass
         finally:
             viewer.close()
+
+
+def _places(folder: Path) -> NDArray[np.float64]:
+    """Where the robots were, (n, 2); none if the run left no table."""
+    try:
+        table = pq.read_table(folder / STATES, columns=["x_m", "y_m"])
+        return np.column_stack([table.column(axis).to_numpy() for axis in ("x_m", "y_m")])
+    except (OSError, pa.ArrowException, KeyError, ValueError):  # it broke off, or is damaged
+        return np.empty((0, 2))

@@ -21,7 +21,7 @@ from formation.geometry import errors, fitted_rotation, rotated
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formation.roster import Roster
 from formation.scenario import Scenario
-from lab.canvas import COLOURS, around
+from lab.canvas import COLOURS, around, bowed, bows
 from netem.link import DELIVERED, DUPLICATED
 from netem.tables import nanoseconds
 from netem.timeline import NEVER, Timeline
@@ -37,10 +37,16 @@ LINKS_LATE_NS = 1_200_000_000
 """What became of messages up to an instant is known so much later, at the latest."""
 _TOGETHER = 10
 _DASHES = 7
+_BENDS = 5
+"""Straight parts of a link that bends around others."""
 _MOST_NAMED = 10
+_MOST_LABELS = 40
 _GREY = 0x9A9A9AFF
 _FLOOR = 1e-16
-_MARGIN = 1.6
+_MARGIN = 1.4
+_GROWS = 1.25
+_MOST_GROWN = 16.0
+_ON_BLACK = {"#000000": "#F0E442"}  # also of Okabe and Ito
 
 Array = NDArray[Any]
 
@@ -51,7 +57,8 @@ class Scene:
     def __init__(self, scenario: Scenario, stream: rr.RecordingStream) -> None:
         self._scenario, self._stream = scenario, stream
         self._links = scenario.directed_links
-        self._stride = _stride(scenario)
+        self._bows = _bows(scenario)
+        self._stride = _stride(scenario, self._bows)
         self._roster = scenario.roster()
         self._plan = [(nanoseconds(e.at_s), e.what) for e in scenario.plan if not e.robots]
         self._instants: list[tuple[int, list[Sample]]] = []  # to be drawn
@@ -115,20 +122,21 @@ class Scene:
     def _begin(self) -> None:
         """What does not change, and the blueprint."""
         scenario, stream = self._scenario, self._stream
-        stream.send_blueprint(blueprint(scenario))
-        labels = [str(robot) for robot in scenario.ids]
-        size = _size(scenario)
-        self._size = size
-        stream.log("field/robots", rr.Points2D.from_fields(
-            radii=[0.018 * size], labels=labels, show_labels=len(labels) <= 40,
+        self._half = _first_half(scenario)
+        stream.send_blueprint(blueprint(scenario, self._half))
+        self._size = size = 2.0 * self._half
+        stream.log("field/robots", rr.Points2D.from_fields(radii=[0.018 * size]), static=True)
+        stream.log("field/names", rr.Points2D.from_fields(
+            radii=[0.0], labels=list(map(str, scenario.ids)), show_labels=True,
+            colors=[0xE8E8E8FF],
         ), static=True)  # fmt: skip
         stream.log("field/headings", rr.Arrows2D.from_fields(radii=[0.004 * size]), static=True)
         stream.log("field/pattern", rr.LineStrips2D.from_fields(
             radii=[0.004 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
         stream.log("field/places", rr.Points2D.from_fields(
             radii=[0.009 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
-        for name, unit in _ERRORS.items():
-            _label(stream, f"errors/{name}", f"log10 {name} ({unit})")
+        for (name, unit), colour in zip(_ERRORS.items(), _rgba(range(3)), strict=True):
+            _label(stream, f"errors/{name}", f"log10 {name} ({unit})", int(colour))
         _label(stream, "lyapunov/v", "log10 V")
 
     def _times(self, t_ns: Array) -> list[rr.TimeColumn]:
@@ -151,6 +159,10 @@ class Scene:
         self._shown_ns = int(t_ns[-1])
         places, headings = table[..., :2], table[..., 2]
         drawn = places * [1.0, -1.0]
+        half = half_width(self._scenario, places, self._half)
+        if half > self._half:  # somebody leaves what is in sight
+            self._half = half
+            self._stream.send_blueprint(blueprint(self._scenario, half))
         up = self._up(t_ns)
         colours = np.where(up, _rgba(self._scenario.ids), _GREY).astype(np.uint32)
         count = len(self._scenario.ids)
@@ -158,6 +170,10 @@ class Scene:
         send("field/robots", times, rr.Points2D.columns(
             positions=drawn.reshape(-1, 2), colors=colours.reshape(-1),
         ).partition(sizes))  # fmt: skip
+        if count <= _MOST_LABELS:
+            send("field/names", times, rr.Points2D.columns(
+                positions=(drawn + np.array([0.0, 0.02 * self._size])).reshape(-1, 2),
+            ).partition(sizes))  # fmt: skip
         vectors = np.stack([np.cos(headings), -np.sin(headings)], axis=-1) * 0.05 * self._size
         send("field/headings", times, rr.Arrows2D.columns(
             origins=drawn.reshape(-1, 2), vectors=vectors.reshape(-1, 2),
@@ -221,8 +237,9 @@ class Scene:
         ends = np.array([(column[a], column[b]) for a, b in self._links])
         lines = _beside(np.array([places for _, places in ready])[:, ends], 0.006 * self._size)
         colours, cut = self._heard.at(t_ns)
-        parts = np.where(cut, _DASHES, 1)  # (frames, links)
-        strips = _dashed(lines.reshape(-1, 2, 2), parts.reshape(-1))
+        parts = np.where(cut, _DASHES, np.where(self._bows != 0.0, _BENDS, 1))  # (frames, links)
+        bows, gaps = (np.broadcast_to(x, parts.shape).reshape(-1) for x in (self._bows, cut))
+        strips = _strips(lines.reshape(-1, 2, 2), bows, parts.reshape(-1), gaps)
         self._stream.send_columns("field/links", self._times(t_ns), rr.LineStrips2D.columns(
             strips=strips, colors=np.repeat(colours.reshape(-1), parts.reshape(-1))
         ).partition(parts.sum(axis=1)))  # fmt: skip
@@ -352,10 +369,16 @@ class _Traffic:
         )
 
 
-def blueprint(scenario: Scenario, *, speed: float | None = None) -> rrb.Blueprint:
-    """How the scene is laid out; ``speed``: play it so many times as fast as it was."""
-    legend = rrb.PlotLegend(visible=len(scenario.directed_links) <= _MOST_NAMED)
-    centre, half = _frame(scenario)
+def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) -> rrb.Blueprint:
+    """How the scene is laid out, with a field of half the width ``half_m``.
+
+    ``speed``: play it so many times as fast as it was.
+    """
+    few = len(scenario.directed_links) <= _MOST_NAMED
+    legend = rrb.PlotLegend(visible=few)
+    each = "" if few else "; point at a line to see its link"
+    corner = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)  # errors fall
+    centre = _centre(scenario)
     trail = rrb.VisibleTimeRange(
         "sim_time", start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
         end=rrb.TimeRangeBoundary.cursor_relative(),
@@ -363,8 +386,8 @@ def blueprint(scenario: Scenario, *, speed: float | None = None) -> rrb.Blueprin
     field = rrb.Spatial2DView(
         origin="field", name="field (m; colour of a link: age of what was heard)",
         visual_bounds=rrb.VisualBounds2D(
-            x_range=[centre[0] - half, centre[0] + half],
-            y_range=[-centre[1] - half, -centre[1] + half],
+            x_range=[centre[0] - half_m, centre[0] + half_m],
+            y_range=[-centre[1] - half_m, -centre[1] + half_m],
         ),
         overrides={"field/trails": rrb.VisibleTimeRanges(trail)},
     )  # fmt: skip
@@ -374,10 +397,14 @@ def blueprint(scenario: Scenario, *, speed: float | None = None) -> rrb.Blueprin
                 field, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1]
             ),
             rrb.Vertical(
-                rrb.TimeSeriesView(origin="errors", name="errors (Eqs. 3-5), powers of ten"),
-                rrb.TimeSeriesView(origin="lyapunov", name="V, powers of ten"),
-                rrb.TimeSeriesView(origin="links/delay", name="delay (ms)", plot_legend=legend),
-                rrb.TimeSeriesView(origin="links/loss", name="lost (%)", plot_legend=legend),
+                rrb.TimeSeriesView(
+                    origin="errors", name="errors (Eqs. 3-5), powers of ten", plot_legend=corner
+                ),
+                rrb.TimeSeriesView(origin="lyapunov", name="V, powers of ten", plot_legend=corner),
+                rrb.TimeSeriesView(
+                    origin="links/delay", name=f"delay (ms{each})", plot_legend=legend
+                ),
+                rrb.TimeSeriesView(origin="links/loss", name=f"lost (%{each})", plot_legend=legend),
             ),
             column_shares=[3, 2],
         ),
@@ -393,29 +420,59 @@ def _decided_ns(row: LinkRow) -> int:
     return row.t_sent_ns if row.t_usable_ns is None else row.t_usable_ns
 
 
-def _label(stream: rr.RecordingStream, entity: str, name: str) -> None:
-    stream.log(entity, rr.SeriesLines(names=[name]), static=True)
+def _label(stream: rr.RecordingStream, entity: str, name: str, colour: int | None = None) -> None:
+    colours = None if colour is None else [colour]
+    stream.log(entity, rr.SeriesLines(names=[name], colors=colours), static=True)
 
 
-def _stride(scenario: Scenario) -> int:
+def _bows(scenario: Scenario) -> Array:
+    """How far each directed link bends (see :func:`lab.canvas.bows`), as the field is drawn."""
+    column = {robot: k for k, robot in enumerate(scenario.ids)}
+    edges = scenario.formation.edges
+    found = bows(scenario.offsets_m * [1.0, -1.0], [(column[a], column[b]) for a, b in edges])
+    both = {}
+    for (first, second), bow in zip(edges, found, strict=True):
+        both[first, second], both[second, first] = bow, -bow
+    return np.array([both[link] for link in scenario.directed_links])
+
+
+def _stride(scenario: Scenario, bows: Array) -> int:
     """Of how many instants one is shown."""
     cells = len(scenario.ids) + len(scenario.directed_links)
+    cells += (_BENDS - 1) * int(np.count_nonzero(bows))
     frames = max(100, min(MOST_FRAMES, MOST_CELLS // cells))
     instants = nanoseconds(scenario.duration_s) // scenario.clock.broadcast_period_ns + 1
     return -(-instants // frames)
 
 
-def _frame(scenario: Scenario) -> tuple[Array, float]:
-    """Centre and half the width of what is in sight at first."""
+def half_width(scenario: Scenario, places: Array, half_m: float | None = None) -> float:
+    """Half the width (m) of what must be in sight to see all ``places`` (..., 2).
+
+    It grows in steps from ``half_m``, or from what shows all starts and the pattern; not without
+    end: who diverges leaves.
+    """
+    first_m = _first_half(scenario)
+    half_m = first_m if half_m is None else half_m
+    away = np.abs(places - _centre(scenario))
+    farthest_m = float(away[np.isfinite(away)].max(initial=0.0))
+    while half_m < farthest_m and half_m < _MOST_GROWN * first_m:
+        half_m *= _GROWS
+    return half_m
+
+
+def _first_half(scenario: Scenario) -> float:
+    return max(0.5 * _MARGIN * float(np.ptp(_known(scenario), axis=0).max()), 0.5)
+
+
+def _centre(scenario: Scenario) -> Array:
+    known = _known(scenario)
+    return (known.min(axis=0) + known.max(axis=0)) / 2  # type: ignore[no-any-return]
+
+
+def _known(scenario: Scenario) -> Array:
+    """The places known before the run: starts and pattern, (n, 2)."""
     starts = np.array([(robot.start.x_m, robot.start.y_m) for robot in scenario.robots])
-    points = np.concatenate([starts, scenario.offsets_m])
-    low, high = points.min(axis=0), points.max(axis=0)
-    return (low + high) / 2, max(0.5 * _MARGIN * float((high - low).max()), 0.5)
-
-
-def _size(scenario: Scenario) -> float:
-    """The length (m) by which things are drawn."""
-    return 2.0 * _frame(scenario)[1]
+    return np.concatenate([starts, scenario.offsets_m])
 
 
 def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[int, int]]:
@@ -431,8 +488,9 @@ def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[
 
 
 def _rgba(robots: Sequence[int]) -> Array:
+    shown = [_ON_BLACK.get(colour, colour) for colour in COLOURS]
     return np.array([
-        int(COLOURS[k % len(COLOURS)][1:], 16) << 8 | 0xFF for k in range(len(robots))
+        int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(len(robots))
     ])  # fmt: skip
 
 
@@ -452,11 +510,15 @@ def _beside(lines: Array, gap: float) -> Array:
     return lines + gap * side[..., None, :]  # type: ignore[no-any-return]
 
 
-def _dashed(lines: Array, parts: Array) -> Array:
-    """Lines (n, 2, 2), each as so many dashes: (sum of parts, 2, 2)."""
+def _strips(lines: Array, bows: Array, parts: Array, gaps: Array) -> Array:
+    """Lines (n, 2, 2) that bend by ``bows``, each in so many straight parts: (sum of parts, 2, 2).
+
+    Where ``gaps``, every part is followed by a gap as long.
+    """
     number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    of = np.repeat(parts, parts)
-    begin = 2 * number / (2 * of - 1)
-    ends = np.stack([begin, begin + 1 / (2 * of - 1)], axis=-1)[..., None]
-    line = np.repeat(lines, parts, axis=0)
-    return line[:, :1] + ends * (line[:, 1:] - line[:, :1])  # type: ignore[no-any-return]
+    of, step = np.repeat(parts, parts), np.repeat(gaps + 1, parts)
+    length = 1.0 / (step * (of - 1) + 1)
+    begin = step * number * length
+    line, bow = np.repeat(lines, parts, axis=0), np.repeat(bows, parts)
+    ends = [bowed(line, bow, at) for at in (begin, begin + length)]
+    return np.stack(ends, axis=1)
