@@ -17,6 +17,8 @@ from lab.verdict import by_claim, error_series, tolerances_of, window_s
 
 MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
+HALF_IN = (6.4, 4.6)
+"""The size (inches) of what stands beside another in the report."""
 MOST_NAMED = 20
 """How many robots a legend names."""
 _LABELS = {
@@ -26,7 +28,7 @@ _LABELS = {
 
 
 def draw(recording: Collected, folder: Path) -> None:
-    """Write every figure as PNG and SVG into ``folder``."""
+    """Write every figure as PNG and SVG into ``folder``, and ``thumbnail.png``."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario, trajectories = recording.scenario, recording.trajectories
     figures = {"graph": graph(scenario)} | link_figures.of(recording)
@@ -39,6 +41,7 @@ def draw(recording: Collected, folder: Path) -> None:
         found = lyapunov_curve(recording)
         if found is not None:
             figures["lyapunov"] = lyapunov(recording, found)
+        thumbnail(scenario, trajectories).savefig(folder / "thumbnail.png", dpi=100)
     for name, figure in figures.items():
         for kind in ("png", "svg"):
             figure.savefig(folder / f"{name}.{kind}", dpi=130)
@@ -80,9 +83,22 @@ def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
     return figure
 
 
+def thumbnail(scenario: Scenario, trajectories: Trajectories) -> Figure:
+    """The paths, and the robots at the end, small and without words."""
+    figure = blank(2.2, 2.0)
+    axes = figure.subplots()
+    for i in range(len(scenario.ids)):
+        xy, colour = _finite(trajectories.positions_m[:, i]), COLOURS[i % len(COLOURS)]
+        axes.plot(xy[:, 0], xy[:, 1], color=colour, lw=1.0)
+        axes.plot(*xy[-1], "o", color=colour, ms=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_axis_off()
+    return figure
+
+
 def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
     """Headings over time, and their gap to the first robot's, where agreement shows."""
-    figure = blank(9.0, 5.6)
+    figure = blank(*HALF_IN)
     upper, lower = figure.subplots(2, 1, sharex=True)
     reference = trajectories.headings_rad[:, 0]
     for i, robot in enumerate(scenario.ids):
@@ -128,7 +144,7 @@ def errors(recording: Collected) -> Figure:
 def lyapunov(recording: Collected, found: Curve) -> Figure:
     """V on a log axis, with the stretches in which it gains more than its budget."""
     scenario = recording.scenario
-    figure = blank(9.0, 4.6)
+    figure = blank(*HALF_IN)
     axes = figure.subplots()
     v = np.where(found.v > 0.0, found.v, np.nan)  # nobody is up
     heard = np.argmax(found.whole) if found.whole.any() else len(found.v)
@@ -170,11 +186,12 @@ def _mark_plan(axes: Axes, scenario: Scenario, end_s: float) -> None:
     figure = axes.figure
     assert isinstance(figure, Figure)
     figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + 0.17 * len(lines))
-    figure.supxlabel("\n".join(_shortened(line) for line in lines),
+    longest = int(14.4 * figure.get_figwidth())
+    figure.supxlabel("\n".join(_shortened(line, longest) for line in lines),
                      x=0.02, ha="left", fontsize=7.5)  # fmt: skip
 
 
-def _shortened(line: str, longest: int = 130) -> str:
+def _shortened(line: str, longest: int) -> str:
     return line if len(line) <= longest else line[: longest - 1] + "…"
 
 

@@ -85,7 +85,7 @@ def delays(scenario: Scenario, by_link: dict[tuple[int, int], list[LinkRow]]) ->
     shown = profiles[:MOST_PROFILES]
     columns = min(2, max(1, len(shown)))
     rows_of_panels = max(1, -(-len(shown) // columns))
-    figure = blank(5.5 * columns, 3.4 * rows_of_panels)
+    figure = blank(6.4 if columns == 1 else 5.0 * columns, 3.6 * rows_of_panels)
     panels = np.atleast_1d(figure.subplots(rows_of_panels, columns, squeeze=False)).ravel()
     for panel in panels[len(shown) :]:
         panel.set_axis_off()

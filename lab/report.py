@@ -22,7 +22,7 @@ from lab import runs
 from lab.check import describe
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
-from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, report_problems
+from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, report_problems, times
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -148,6 +148,7 @@ def page(run: Recorded) -> str:
         sections=_sections(run, [item.name for item in pictures]), pictures=pictures,
         first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
         lost_share=_lost_share(judged), most_links=MOST_LINKS,
+        in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
         theory=[line.strip() for line in describe(assess(scenario))],
         changed=_changed(run), robots=_robots(run), toml=dumps(scenario), shown=shown,
         plan=scenario.plan[:FIRST_EVENTS], more_planned=max(0, len(scenario.plan) - FIRST_EVENTS),
@@ -157,7 +158,7 @@ def page(run: Recorded) -> str:
 def index(entries: Sequence[runs.Entry]) -> str:
     """The page about a folder of runs as HTML, links relative to it."""
     shown_entries = [
-        (entry, _there(entry.folder, "report.html"), _there(entry.folder, "figures/paths.png"))
+        (entry, _there(entry.folder, "report.html"), _there(entry.folder, "figures/thumbnail.png"))
         for entry in entries[:MOST_RUNS]
     ]
     return _environment().get_template("index.html.j2").render(
@@ -174,6 +175,7 @@ def _environment() -> Environment:
         "small": lambda value: "–" if value is None else f"{value:.2e}",
         "ms": lambda value: "–" if value is None else f"{round(value * 1e3, 3):.3g}",
         "seconds": lambda value: "–" if value is None else f"{value:.2f} s",
+        "times": times,
         "percent": lambda value: f"{value:.2%}" if 0 < value < 0.1 else f"{value:.0%}",
     }
     return environment

@@ -258,11 +258,12 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     console.print(
         ("" if settled is None else f"settled after {settled:.2f} s; ")
         + f"simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
-        + f"({_times(factor)} real time); sha256 {judged['trajectory_sha256'][:16]}…"
+        + f"({times(factor)} real time); sha256 {judged['trajectory_sha256'][:16]}…"
     )
 
 
-def _times(factor: float) -> str:
+def times(factor: float) -> str:
+    """How many times as fast as real time."""
     return f"{factor:.2g} ×" if factor < 10.0 else f"{factor:.0f} ×"
 
 
@@ -346,5 +347,5 @@ class _Watch:
             f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items()
         )
         self._progress.update(
-            self._task, completed=t_s, description=f"t = {t_s:.1f} s  {_times(speed)}  {errors}"
+            self._task, completed=t_s, description=f"t = {t_s:.1f} s  {times(speed)}  {errors}"
         )

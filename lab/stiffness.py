@@ -23,6 +23,8 @@ from plant.body import Body, driven, steered
 
 LIMIT = 2.0
 """h |λ| at which a held command turns a decay 1 − h |λ| into a growth."""
+SHORTEST_S = 1e-5
+"""No shorter period is suggested: a second would have more than 100,000 of them."""
 MARGIN = 0.5
 """Of the longest period that works, what is suggested."""
 SHARE = 0.2
@@ -67,7 +69,11 @@ def _sampling(scenario: Scenario) -> Iterator[str]:
     longest_s = longest_period_s(course(scenario))
     if period_s <= longest_s:
         return
-    advice = [f"control_period_s <= {_part_of(scenario.clock.broadcast_period_s, longest_s):g}"]
+    if longest_s >= SHORTEST_S:
+        suggested_s = _part_of(scenario.clock.broadcast_period_s, longest_s)
+        advice = [f"control_period_s <= {suggested_s:g}"]
+    else:
+        advice = ["smaller gains", "a larger law.length_scale_m"]
     beta = _softer(scenario)
     if beta is not None:
         advice.append(f"law.beta <= {beta:g}")

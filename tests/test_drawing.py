@@ -65,7 +65,7 @@ def test_what_is_in_sight_grows_with_who_leaves_but_not_after_who_diverges():
     starts = np.array([(robot.start.x_m, robot.start.y_m) for robot in scenario.robots])
     first = half_width(scenario, starts)
     assert half_width(scenario, np.full((2, 2), np.nan), first) == first
-    farther = half_width(scenario, starts + [2.0 * first, 0.0], first)
+    farther = half_width(scenario, starts + np.array([2.0 * first, 0.0]), first)
     assert first < farther <= 4.0 * first
     assert half_width(scenario, starts, farther) == farther  # it does not shrink
     away = half_width(scenario, np.array([[np.inf, 0.0], [1e300, 0.0]]))

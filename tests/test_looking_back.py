@@ -259,6 +259,25 @@ def test_a_run_that_fell_short_is_told_that_it_did(copy):
     assert "still falling at the end" in Page(copy / "report.html").text
 
 
+def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
+    out = tmp_path / "run"
+    code, said = formnet(
+        "run", SECTION5, "--inline", "--out", out, "--set", "law.length_scale_m=1", "--set",
+        "law.beta=200", "--set", "duration_s=1",
+    )  # fmt: skip
+    assert code == 1
+    assert "10 message(s) were still on their way at the end" in said
+    page = Page(out / "report.html")
+    assert (
+        "section5-delay FAILS The run diverged at t = 0.001 s: robot 1: its command, or the state "
+        "it leads to, is not finite." in page.text
+    )
+    (warning,) = json.loads((out / "verdict.json").read_text())["warnings"]
+    assert "Try smaller gains, or a larger law.length_scale_m" in warning
+    assert warning in page.text
+    assert "10 message(s) neither arrived nor were lost" in page.text
+
+
 # --- list and index -------------------------------------------------------------------
 
 
@@ -309,7 +328,7 @@ def test_list_without_runs(tmp_path):
 def test_a_run_keeps_the_index_of_its_folder(recorded):
     page = Page(recorded.parent / "index.html")
     assert [link["href"] for link in page.all("a")] == ["short/report.html"]
-    assert [image["src"] for image in page.all("img")] == ["short/figures/paths.png"]
+    assert [image["src"] for image in page.all("img")] == ["short/figures/thumbnail.png"]
     assert (recorded.parent / page.all("img")[0]["src"]).is_file()
     assert "FAILS: formation, heading, centroid" in page.text
 
@@ -347,7 +366,7 @@ def test_plot_draws_what_the_run_drew(recorded, tmp_path):
     assert formnet("plot", recorded, "--out", tmp_path / "again")[0] == 0
     drawn = {file.name: file.read_bytes() for file in (recorded / "figures").glob("*.png")}
     again = {file.name: file.read_bytes() for file in (tmp_path / "again").glob("*.png")}
-    assert len(drawn) == 7
+    assert len(drawn) == 8
     assert again == drawn
     code, said = formnet("plot", recorded, "--out", tmp_path / "again")
     assert (code, "exists already" in said) == (2, True)

@@ -269,6 +269,7 @@ def test_diverged_run_fails_every_claim_and_its_verdict_is_json(tmp_path, paper,
 def test_run_that_diverged_within_its_tolerances_fails_all_the_same(tmp_path, paper):
     judged = trial(tmp_path / "run", paper("theorem4"), [(0, {}), (S, {})], "diverged")
     assert [entry["observed"] for entry in judged["claims"].values()] == [False] * 4
+    assert judged["claims"]["lyapunov"]["largest_in_window"] is None  # no rise was measured
     assert judged["settling_time_s"] is None
 
 
