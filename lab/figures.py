@@ -174,10 +174,13 @@ def _mark_plan(axes: Axes, scenario: Scenario, end_s: float) -> None:
     marks: dict[float, list[int]] = {}
     for number, entry in enumerate(entries, start=1):
         marks.setdefault(entry.at_s, []).append(number)
-    for at_s, numbers in marks.items():
+    before_s, row = -end_s, 0
+    for at_s, numbers in sorted(marks.items()):
+        row = (row + 1) % 3 if at_s - before_s < 0.03 * end_s else 0  # side by side: one above
+        before_s = at_s
         axes.axvline(at_s, color="0.45", lw=0.8, ls="--", zorder=0)
         axes.annotate(",".join(map(str, numbers)), (at_s, 1.0), xycoords=("data", "axes fraction"),
-                      xytext=(0, 3), textcoords="offset points", ha="center",
+                      xytext=(0, 3 + 8 * row), textcoords="offset points", ha="center",
                       fontsize=7)  # fmt: skip
     lines = [f"{k}  {entry.at_s:g} s: {entry.what}" for k, entry in enumerate(entries, start=1)]
     if len(lines) > MOST_PLANNED:

@@ -46,7 +46,8 @@ _FLOOR = 1e-16
 _MARGIN = 1.4
 _GROWS = 1.25
 _MOST_GROWN = 16.0
-_ON_BLACK = {"#000000": "#F0E442"}  # also of Okabe and Ito
+_SHOWN = {"#000000": "#AA4499"}
+"""Viewers are dark or light: what is seen on both."""
 
 Array = NDArray[Any]
 
@@ -128,7 +129,7 @@ class Scene:
         stream.log("field/robots", rr.Points2D.from_fields(radii=[0.018 * size]), static=True)
         stream.log("field/names", rr.Points2D.from_fields(
             radii=[0.0], labels=list(map(str, scenario.ids)), show_labels=True,
-            colors=[0xE8E8E8FF],
+            colors=_rgba(scenario.ids),
         ), static=True)  # fmt: skip
         stream.log("field/headings", rr.Arrows2D.from_fields(radii=[0.004 * size]), static=True)
         stream.log("field/pattern", rr.LineStrips2D.from_fields(
@@ -488,7 +489,7 @@ def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[
 
 
 def _rgba(robots: Sequence[int]) -> Array:
-    shown = [_ON_BLACK.get(colour, colour) for colour in COLOURS]
+    shown = [_SHOWN.get(colour, colour) for colour in COLOURS]
     return np.array([
         int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(len(robots))
     ])  # fmt: skip
