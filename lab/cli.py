@@ -141,6 +141,9 @@ def main() -> None:
 @PLAINTEXT
 @VIEW
 @WEB
+@click.option(
+    "--no-figures", is_flag=True, help="Do not draw: formnet report or plot do it when asked to."
+)
 def run(
     scenario: Path,
     out: Path | None,
@@ -152,6 +155,7 @@ def run(
     plaintext: bool,
     view: bool,
     web: bool,
+    no_figures: bool,
 ) -> None:
     """Run SCENARIO and judge it.
 
@@ -173,7 +177,9 @@ def run(
 
     where = Where(hosts, keys, plaintext, router)
     shown = _view(view=view, web=web)
-    sys.exit(run_scenario(scenario, overrides, out, inline=inline, where=where, view=shown))
+    sys.exit(run_scenario(
+        scenario, overrides, out, inline=inline, where=where, view=shown, drawn=not no_figures
+    ))  # fmt: skip
 
 
 @main.command()

@@ -45,6 +45,7 @@ def draw(recording: Collected, folder: Path) -> None:
     for name, figure in figures.items():
         for kind in ("png", "svg"):
             figure.savefig(folder / f"{name}.{kind}", dpi=130)
+            figure.set_layout_engine("none")  # it is laid out now, which takes as long as drawing
 
 
 def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:

@@ -40,11 +40,11 @@ CLAIM_TITLES = {
 
 def run_scenario(
     path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool,
-    where: Where = HERE, view: str | None = None,
+    where: Where = HERE, view: str | None = None, drawn: bool = True,
 ) -> int:  # fmt: skip
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
 
-    ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``.
+    ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
     """
     console = Console(stderr=True)
     try:
@@ -101,7 +101,7 @@ def run_scenario(
                 outcome = Outcome("broken", 0, None, str(error))
                 watch.take(outcome)
         how = {"mode": mode, "wall_s": watch.wall_s, "warnings": warnings}
-        code = _conclude(console, recording, scene, outcome, how)
+        code = _conclude(console, recording, scene, outcome, how, drawn=drawn)
         if watcher is not None:
             watcher.stay(stopped.is_set)
         return code
@@ -141,7 +141,7 @@ def report_problems(console: Console, error: ScenarioError) -> None:
 
 def _conclude(
     console: Console, recording: Recording, scene: "RunFile", outcome: Outcome,
-    how: dict[str, Any],
+    how: dict[str, Any], *, drawn: bool,
 ) -> int:  # fmt: skip
     """Save, judge (``how``: see :func:`lab.verdict.of`), draw and print; returns the exit code."""
     recording.save()
@@ -152,7 +152,7 @@ def _conclude(
     output().print(links_table(rows, "all are in verdict.json"))
     output().print(_table(judged))
     _summarise(console, recording, judged)
-    if outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
+    if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
             from lab import figures
 

@@ -27,6 +27,7 @@ _REQUESTS: dict[str, type[Request]] = {
     "/heal": HealRequest,
 }
 _LONGEST_BODY = 1_000_000
+_MOST_SKIPPED, _PIECE = 64_000_000, 65_536
 
 
 class _Refused(Exception):
@@ -56,10 +57,17 @@ def server(bridge: Bridge, host: str, port: int) -> ThreadingHTTPServer:
             """Nothing: the terminal is the bridge's."""
 
         def _body(self) -> bytes:
-            length = self.headers.get("Content-Length", "0")
-            if not length.isdigit() or int(length) > _LONGEST_BODY:
+            stated = self.headers.get("Content-Length", "0")
+            length = int(stated) if stated.isdigit() else 0
+            if not stated.isdigit() or length > _LONGEST_BODY:
+                self._skip(min(length, _MOST_SKIPPED))
                 raise _Refused(413, f"a body has at most {_LONGEST_BODY} bytes, stated beforehand")
-            return self.rfile.read(int(length))
+            return self.rfile.read(length)
+
+        def _skip(self, length: int) -> None:
+            """Take in a body that is refused: who is still sending hears no answer."""
+            while length > 0 and self.rfile.read(min(length, _PIECE)):
+                length -= _PIECE
 
         def _respond(self, make: Callable[[], Any]) -> None:
             try:

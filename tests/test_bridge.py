@@ -388,6 +388,7 @@ def test_control_listens_on_ipv6_too(join):
         ("/network", b"[" * 100_000, 400, "not JSON"),
         ("/network", b"\xff", 400, "not JSON"),
         ("/network", b" " * 1_000_001, 413, "at most 1000000 bytes"),
+        ("/network", b" " * 20_000_000, 413, "at most 1000000 bytes"),  # more than any buffer holds
         ("/cut", {"in_flight": "gone"}, 400, "in_flight = 'gone': must be 'kept' or 'lost'"),
     ],
 )

@@ -131,7 +131,7 @@ def start(network, tmp_path):
         sets = [part for text in overrides for part in ("--set", text)]
         environment = {**os.environ, "HOME": str(network.folder / "home")}
         process = subprocess.Popen(
-            [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / scenario), "--out", str(out),
+            [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(CONFIGS / scenario), "--out", str(out),
              *map(str, hosts), "--keys", str(network.folder / "keys"), *sets],
             env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
@@ -182,7 +182,7 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
     assert process.returncode == 1, said  # too short for the claims
     assert load_hosts(scenario) == load_hosts(network.folder / "hosts.toml")
     subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", str(scenario),
+        [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(scenario),
          "--inline", "--set", "duration_s=2.0", "--out", str(tmp_path / "inline")],
         capture_output=True,
     )  # fmt: skip
@@ -236,7 +236,7 @@ def test_faults_reach_robots_on_other_hosts(start, tmp_path):
     assert process.returncode == 1, said
     sets = [part for text in faults for part in ("--set", text)]
     subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / "paper/section5-delay.toml"),
+        [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(CONFIGS / "paper/section5-delay.toml"),
          "--inline", *sets, "--out", str(tmp_path / "inline")], capture_output=True,
     )  # fmt: skip
     hashes = [

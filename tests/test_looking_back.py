@@ -248,6 +248,16 @@ def test_an_interrupted_run_has_a_page_and_gets_its_figures_with_report(copy):
     assert formnet("report", copy.parent / "none")[0] == 2
 
 
+def test_a_run_that_shall_not_draw_does_not(tmp_path):
+    out = tmp_path / "run"
+    assert formnet("run", SECTION5, "--inline", "--no-figures", "--out", out, "--set",
+                   "duration_s=0.4")[0] == 1  # fmt: skip
+    assert not (out / "figures").exists()
+    assert "There are no figures yet" in Page(out / "report.html").text
+    assert formnet("report", out)[0] == 0
+    assert len(list((out / "figures").glob("*.png"))) == 8
+
+
 def test_a_run_that_fell_short_is_told_that_it_did(copy):
     judged = json.loads((copy / "verdict.json").read_text())
     assert "still falling" not in Page(copy / "report.html").text

@@ -266,7 +266,8 @@ class Run:
     def __init__(self, out: Path, *overrides: str) -> None:
         self.out, self.log = out, out.with_suffix(".log")
         sets = [part for text in overrides for part in ("--set", text)]
-        command = [sys.executable, "-m", "lab.cli", "run", str(YARD), "--out", str(out), *sets]
+        run = [sys.executable, "-m", "lab.cli", "run", "--no-figures"]
+        command = [*run, str(YARD), "--out", str(out), *sets]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
 

@@ -45,7 +45,7 @@ class Run:
         self.log = out.with_suffix(".log")
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "lab.cli", "run", *arguments, "--out", str(out)],
+                [sys.executable, "-m", "lab.cli", "run", "--no-figures", *arguments, "--out", str(out)],
                 cwd=root, stdout=log, stderr=subprocess.STDOUT, env={**os.environ, **(env or {})},
             )  # fmt: skip
 

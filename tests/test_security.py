@@ -296,7 +296,8 @@ def test_a_run_through_a_router_that_is_there_already(tmp_path):
         env={name: value for name, value in os.environ.items() if name != "ZENOH_RUNTIME"},
     )  # fmt: skip
     until(lambda: connects(int(endpoint.rpartition(":")[2])))
-    common = (CONFIGS / "paper" / "section5-delay.toml", "--set", "duration_s=0.5")
+    scenario = CONFIGS / "paper" / "section5-delay.toml"
+    common = (scenario, "--no-figures", "--set", "duration_s=0.5")
     code, said = formnet("run", *common, "--connect", endpoint, "--out", tmp_path / "routed")
     router.communicate()
     assert code == 1, said
@@ -324,7 +325,8 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     keys.make(place, range(1, 6), [], 30)
     common = ["--set", "duration_s=1.5"]
     scenario = str(CONFIGS / "paper" / "section5-delay.toml")
-    assert formnet("run", scenario, *common, "--inline", "--out", tmp_path / "inline")[0] == 1
+    inline = ("--inline", "--no-figures", "--out", tmp_path / "inline")
+    assert formnet("run", scenario, *common, *inline)[0] == 1
     endpoint, out = f"tls/127.0.0.1:{free_port()}", tmp_path / "record"
     formnet_ = [sys.executable, "-m", "lab.cli"]
     with (tmp_path / "plant.log").open("w") as log:
@@ -426,7 +428,8 @@ def test_an_endpoint_that_is_not_allowed_says_why(folder, endpoint, with_keys, w
 
 def test_a_run_over_tls_gives_the_same_bits_and_tells_no_secret(tmp_path, folder):
     keys.make(tmp_path / "keys", range(1, 6), [], 30)
-    common = (CONFIGS / "paper" / "section5-delay.toml", "--set", "duration_s=0.5")
+    scenario = CONFIGS / "paper" / "section5-delay.toml"
+    common = (scenario, "--no-figures", "--set", "duration_s=0.5")
     assert formnet("run", *common, "--keys", tmp_path / "keys", "--out", tmp_path / "tls")[0] == 1
     assert formnet("run", *common, "--inline", "--out", tmp_path / "inline")[0] == 1
     hashes = [

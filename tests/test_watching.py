@@ -86,8 +86,10 @@ def check_scene(file, folder, robots):
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     out = tmp_path_factory.mktemp("watching") / "run"
-    code, said = formnet("run", SECTION5, "--inline", "--set", "duration_s=3", "--set", HAPPENINGS,
-                         "--out", out)  # fmt: skip
+    code, said = formnet(
+        "run", SECTION5, "--inline", "--no-figures", "--set", "duration_s=3", "--set", HAPPENINGS,
+        "--out", out,
+    )  # fmt: skip
     assert code in (0, 1), said
     return out
 
@@ -166,7 +168,7 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
 def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
     out = tmp_path / "run"
     run = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "run", str(SECTION5), "--out", str(out)],
+        [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(SECTION5), "--out", str(out)],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     file = out / "run.rrd"
@@ -241,7 +243,7 @@ def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number)
 def test_who_comes_late_gets_the_events_before_and_sees_the_rest(tmp_path):
     out, seen = tmp_path / "run", tmp_path / "seen.rrd"
     run = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "run", str(SECTION5), "--out", str(out), "--set",
+        [sys.executable, "-m", "lab.cli", "run", str(SECTION5), "--no-figures", "--out", str(out), "--set",
          HAPPENINGS, "--set", "duration_s=12"],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
