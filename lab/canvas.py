@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 # Okabe and Ito's palette: told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 
-MOST_BENT = 60
+MOST_BENT = 40
 """Among more robots no edge bends: there is no room."""
 _BOWS = (0.0, 0.12, -0.12, 0.24, -0.24, 0.36, -0.36)
 _CLEAR = 0.07
