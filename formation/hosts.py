@@ -1,13 +1,12 @@
 """On which machines the robots run: a file of hosts, or ``[hosts]`` in a scenario."""
 
-import tomllib
 from pathlib import Path
 
 from pydantic import Field, ValidationError, model_validator
 
 from formation.selectors import RobotId
 from netem.problems import Problem, problems
-from netem.tables import Table
+from netem.tables import Table, read_toml
 
 
 class Host(Table):
@@ -67,12 +66,12 @@ def load_hosts(path: Path) -> Hosts:
         HostsError: with every problem found.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        if isinstance(data.get("hosts"), dict):  # a scenario's
-            data = data["hosts"]
-        hosts = Hosts.model_validate(data)
+        data = read_toml(path)
+    except ValueError as error:
+        raise HostsError(str(path), [Problem("file", None, str(error))]) from None
+    if isinstance(data.get("hosts"), dict):  # a scenario's
+        data = data["hosts"]
+    try:
+        return Hosts.model_validate(data)
     except ValidationError as error:
         raise HostsError(str(path), problems(Hosts, data, error)) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise HostsError(str(path), [Problem("file", None, str(error))]) from None
-    return hosts

@@ -89,17 +89,21 @@ class _Signal(NamedTuple):
     w1_ddot: Array
 
 
-def curve(recording: Collected) -> Curve | None:
-    """V along a run, as long as it is finite; None without samples or with another law.
+def is_defined(scenario: Scenario) -> bool:
+    """Whether runs have a V: with the cooperative law, in virtual time.
 
-    None in real time too: V needs what each robot had heard at the instants of the samples.
+    V needs what each robot had heard at the instants of the samples.
     """
+    return scenario.law.kind == "cooperative" and scenario.clock.mode == "lockstep"
+
+
+def curve(recording: Collected) -> Curve | None:
+    """V along a run, as long as it is finite; None without samples or where it is not defined."""
     scenario, trajectories = recording.scenario, recording.trajectories
     within = (np.abs(trajectories.states) < _DIVERGED).all(axis=(1, 2))  # not NaN either
     if not within.all():
         trajectories = trajectories.first(int(np.argmin(within)))
-    unknown = scenario.law.kind != "cooperative" or scenario.clock.mode == "realtime"
-    if unknown or len(trajectories.t_s) < 2:
+    if not is_defined(scenario) or len(trajectories.t_s) < 2:
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
         return _Loop(recording, trajectories).curve()

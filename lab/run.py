@@ -258,8 +258,19 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     console.print(
         ("" if settled is None else f"settled after {settled:.2f} s; ")
         + f"simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
-        + f"({times(factor)} real time); sha256 {judged['trajectory_sha256'][:16]}…"
+        + f"({times(factor)} real time)"
     )
+    console.print(f"sha256 of the trajectories: {judged['trajectory_sha256'][:16]}…")
+    if outcome["kind"] == "completed":
+        console.print(_in_a_word(judged))
+
+
+def _in_a_word(judged: dict[str, Any]) -> str:
+    claimed = {name: c for name, c in judged["claims"].items() if c["expected"] is not None}
+    if not claimed:
+        return "nothing was claimed"
+    failing = [CLAIM_TITLES[name][0] for name, claim in claimed.items() if not claim["holds"]]
+    return f"[red]FAILS:[/] {', '.join(failing)}" if failing else "[green]every claim holds[/]"
 
 
 def times(factor: float) -> str:

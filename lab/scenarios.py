@@ -44,7 +44,8 @@ def find(argument: str) -> Path:
     here = {file.stem: str(file) for file in path.parent.glob("*.toml")}
     near = get_close_matches(path.stem, known := short | here, n=3, cutoff=0.5)
     hint = f"did you mean {', '.join(known[word] for word in near)}? " if near else ""
+    what = "a folder without scenario.toml" if path.is_dir() else "no such file"
     raise LookupError(
-        f"{argument!r}: no such file, and no packaged scenario has that name; "
+        f"{argument!r}: {what}, and no packaged scenario has that name; "
         f"{hint}`formnet scenarios` lists them"
     )

@@ -22,6 +22,7 @@ from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, 
 from formation.roster import Roster
 from formation.scenario import Scenario
 from lab.canvas import COLOURS, around, bowed, bows
+from lab.lyapunov import is_defined
 from netem.link import DELIVERED, DUPLICATED
 from netem.tables import nanoseconds
 from netem.timeline import NEVER, Timeline
@@ -392,21 +393,22 @@ def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) 
         ),
         overrides={"field/trails": rrb.VisibleTimeRanges(trail)},
     )  # fmt: skip
+    plots = [
+        rrb.TimeSeriesView(
+            origin="errors", name="errors (Eqs. 3-5), powers of ten", plot_legend=corner
+        ),
+        rrb.TimeSeriesView(origin="lyapunov", name="V, powers of ten", plot_legend=corner),
+        rrb.TimeSeriesView(origin="links/delay", name=f"delay (ms{each})", plot_legend=legend),
+        rrb.TimeSeriesView(origin="links/loss", name=f"lost (%{each})", plot_legend=legend),
+    ]
+    if not is_defined(scenario):
+        del plots[1]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 field, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1]
             ),
-            rrb.Vertical(
-                rrb.TimeSeriesView(
-                    origin="errors", name="errors (Eqs. 3-5), powers of ten", plot_legend=corner
-                ),
-                rrb.TimeSeriesView(origin="lyapunov", name="V, powers of ten", plot_legend=corner),
-                rrb.TimeSeriesView(
-                    origin="links/delay", name=f"delay (ms{each})", plot_legend=legend
-                ),
-                rrb.TimeSeriesView(origin="links/loss", name=f"lost (%{each})", plot_legend=legend),
-            ),
+            rrb.Vertical(*plots),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="sim_time", state="collapsed", playback_speed=speed,
@@ -492,7 +494,7 @@ def _rgba(robots: Sequence[int]) -> Array:
     shown = [_SHOWN.get(colour, colour) for colour in COLOURS]
     return np.array([
         int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(len(robots))
-    ])  # fmt: skip
+    ], dtype=np.uint32)  # fmt: skip
 
 
 def _by_age(share: Array) -> Array:

@@ -6,7 +6,6 @@ both; a message goes over the link of the last entry that matches its key, or ov
 the default one. Messages on one link contend for its rate.
 """
 
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +18,7 @@ from netem.link import Transit
 from netem.problems import Problem, problems
 from netem.settings import LinkOverrides, LinkSettings, SettingError
 from netem.statistics import LinkStatistics, Tally
-from netem.tables import STRICT, Table
+from netem.tables import STRICT, Table, read_toml
 from netem.timeline import Timeline
 
 Direction = Literal["forward", "backward"]
@@ -95,11 +94,9 @@ def load(path: Path) -> LaneFile:
         NetworkFileError: with every problem, or the one that stopped the reading.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _unreadable(path, f"cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise _unreadable(path, f"not TOML: {error}") from None
+        data = read_toml(path)
+    except ValueError as error:
+        raise NetworkFileError(str(path), [Problem("file", None, str(error))]) from None
     try:
         file = LaneFile.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
@@ -111,10 +108,6 @@ def load(path: Path) -> LaneFile:
             place = f"network.links[{index}].{error.problem.place}"
             raise NetworkFileError(str(path), [error.problem._replace(place=place)]) from None
     return file
-
-
-def _unreadable(path: Path, rule: str) -> NetworkFileError:
-    return NetworkFileError(str(path), [Problem("file", None, rule)])
 
 
 class Lane:

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import tomllib
 import typing
 from collections.abc import Mapping
 from pathlib import Path
@@ -107,6 +108,22 @@ class FromFile(Table):
     def columns(cls, path: Path) -> dict[str, Any]:
         """The file's columns by the names they have in the table."""
         raise TypeError(cls)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        ValueError: it cannot be read, or is no TOML; the text says which.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not TOML: not UTF-8 text (byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"not TOML: {error}") from None
 
 
 def read_numbers(path: Path, columns: int) -> list[list[float]]:

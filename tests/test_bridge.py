@@ -139,7 +139,7 @@ BAD_FILES = {
     "no key": ("[[network.links]]\nplayout_s = 1.0", r"network.links\[0\].key: is required"),
     "bad key": ('[[network.links]]\nkey = "a//b"', r"network.links\[0\].key = 'a//b': 'a//b' is no key expression"),
     "name of the default": ('[[network.links]]\nkey = "default"', r"key = 'default': 'default' is the name of the link of all other"),
-    "not text": (b"\xff\xfe", "not TOML: 'utf-8' codec"),
+    "not text": (b"\xff\xfe", "not TOML: not UTF-8 text \\(byte 0\\)"),
     "bad direction": ('[[network.links]]\nkey = "a"\ndirection = "up"', "direction = 'up': must be 'forward', 'backward' or 'both'"),
     "part of another kind": ('[[network.links]]\nkey = "a"\ndelay.low_s = 0.1', r"network.links\[0\].delay.low_s = 0.1: unknown key"),
     "missing file": ('[network.default.delay]\ndistribution = "empirical"\nfile = "gone.csv"', "gone.csv cannot be read"),

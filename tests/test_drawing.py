@@ -1,13 +1,18 @@
 """Edges that bend around others, and how much of the plane is in sight."""
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rerun.chunk import RrdReader
 
 from formation.loading import loads
+from formation.record import Sample, Samples
 from lab.canvas import MOST_BENT, bowed, bows
 from lab.new import Wish, scenario_text
+from lab.rrd import RunFile
 from lab.scene import half_width
 
 ALONG = np.linspace(0.0, 1.0, 101)
@@ -58,6 +63,25 @@ def test_no_edge_and_many_robots_stay_straight():
     assert bows(np.zeros((3, 2)), []).shape == (0,)
     many = np.arange(MOST_BENT + 1.0)[:, None] * np.ones(2)
     assert bows(many, [(0, 9)]).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("robots", [2, 3, 4, 5])
+def test_a_few_robots_have_a_colour_each(robots, tmp_path):
+    """Not one for all, as which Rerun takes three or four plain numbers."""
+    scenario = loads(scenario_text(WISH._replace(robots=robots, graph="path")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = RunFile(tmp_path, scenario)
+        scene.take(Samples([
+            Sample(0, robot, float(robot), 0.0, 0.0, 0.0, 0.0, None, None) for robot in scenario.ids
+        ]))  # fmt: skip
+        scene.close(None)
+    (names,) = [
+        chunk.to_record_batch().column("Points2D:colors").to_pylist()[0]
+        for chunk in RrdReader(str(tmp_path / "run.rrd")).stream()
+        if chunk.entity_path == "/field/names" and not chunk.timeline_names
+    ]
+    assert len(set(names)) == robots
 
 
 def test_what_is_in_sight_grows_with_who_leaves_but_not_after_who_diverges():
