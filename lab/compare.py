@@ -88,7 +88,7 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
         ("took (s)", [_number(v["wall_s"], ".2f") for v in verdicts]),
         ("mode", [f"{v['mode']}, {run.scenario.clock.mode}"
                   for v, run in zip(verdicts, found, strict=True)]),
-        ("sha256", [v["trajectory_sha256"][:16] for v in verdicts]),
+        ("sha256", [v["trajectory_sha256"][:12] for v in verdicts]),
     ]  # fmt: skip
     beside = [_beside(found[0], run) for run in found[1:]]
     results.append((f"beside {names[0]}", ["–", *(words for words, _ in beside)]))
@@ -167,7 +167,8 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
     if claim is None:
         return "–"
-    holds = {True: "holds", False: "FAILS", None: "not judged"}[claim["holds"]]
+    unjudged = "not claimed" if claim["expected"] is None else "not judged"
+    holds = {True: "holds", False: "FAILS", None: unjudged}[claim["holds"]]
     holds += " (claimed: false)" if claim["expected"] is False else ""
     largest = claim["largest_in_window"]
     return holds if largest is None else f"{holds}, {largest:.1e} {unit}"
@@ -195,7 +196,8 @@ def _table(title: str, names: Sequence[str], rows: Sequence[tuple[str, list[str]
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     table.add_column("", no_wrap=True)
     for name in names:
-        table.add_column(escape(name), overflow="fold")
+        head = name if len(names) <= 3 else name.replace("-", "-\n")
+        table.add_column(escape(head), overflow="fold")
     for place, cells in rows:
         table.add_row(escape(place), *(_coloured(cell) for cell in cells))
     return table
