@@ -7,6 +7,7 @@ is followed from the starting poses, by steps that are short enough. It is an es
 links lose, and when they change, is left out.
 """
 
+import time
 from collections import deque
 from collections.abc import Iterator
 from math import ceil, cos, floor, inf, log10, sin
@@ -33,6 +34,8 @@ HORIZON_S = 10.0
 """How much of the way is followed, at most."""
 LOOKS = 400
 """At most so many looks at the eigenvalues; then the way ends earlier."""
+MOST_S = 3.0
+"""A law that takes its time is not followed for longer before a run, in wall time."""
 STEPS = 5
 """Steps from one look to the next."""
 
@@ -45,10 +48,13 @@ def warnings(scenario: Scenario) -> list[str]:
     return [*assess(scenario).warnings, *_sampling(scenario)]
 
 
-def course(scenario: Scenario) -> Course:
-    """How fast the closed loop is on the way in; empty if the law does not lead there."""
+def course(scenario: Scenario, most_s: float = inf) -> Course:
+    """How fast the closed loop is on the way in; empty if the law does not lead there.
+
+    Where that takes longer than ``most_s``, as far as it was followed.
+    """
     try:
-        found = list(_Way(scenario).looks())
+        found = list(_Way(scenario).looks(time.monotonic() + most_s))
     except Exception:  # a plug-in may raise anything; the run will say what
         return []
     return found if all(rate < inf for rate, _ in found) else []
@@ -66,7 +72,7 @@ def longest_period_s(course: Course) -> float:
 
 def _sampling(scenario: Scenario) -> Iterator[str]:
     period_s = scenario.clock.control_period_s
-    longest_s = longest_period_s(course(scenario))
+    longest_s = longest_period_s(course(scenario, MOST_S))
     if period_s <= longest_s:
         return
     if longest_s >= SHORTEST_S:
@@ -103,7 +109,7 @@ def _softer(scenario: Scenario) -> float | None:
         changed = scenario.model_copy(update={"law": law})
         if assess(changed).warnings != known:
             return None
-        if scenario.clock.control_period_s <= MARGIN * longest_period_s(course(changed)):
+        if scenario.clock.control_period_s <= MARGIN * longest_period_s(course(changed, MOST_S)):
             return beta
     return None
 
@@ -131,11 +137,11 @@ class _Way:
         self._states = {robot: scenario.start_state(robot) for robot in scenario.ids}
         self._broadcasts: deque[tuple[int, dict[int, State]]] = deque()
 
-    def looks(self) -> Iterator[tuple[float, float]]:
-        """One entry of a :data:`Course` after the other."""
+    def looks(self, until_s: float) -> Iterator[tuple[float, float]]:
+        """One entry of a :data:`Course` after the other, until :func:`time.monotonic` is there."""
         now_ns = 0
         for _ in range(LOOKS):
-            if now_ns >= self._end_ns:
+            if now_ns >= self._end_ns or time.monotonic() > until_s:
                 return
             rate = self._rate(now_ns)
             step_ns = min(ceil(SHARE / max(rate, 1e-3) * 1e9), ceil(self._end_ns / 200))

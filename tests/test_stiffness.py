@@ -120,6 +120,24 @@ def test_any_law_is_looked_at(root, monkeypatch):
     assert longest_period_s(course(scenario)) == pytest.approx(2.0 / 8.0)
 
 
+def test_a_law_that_takes_its_time_is_not_followed_for_long(root, monkeypatch):
+    """A second each time it is asked: 6 times for a look at each of 5 robots, 5 for the way on."""
+    clock = [0.0]
+
+    class Slow:
+        def command(self, now_ns, own, heard):
+            clock[0] += 1.0
+            return Command(0.0, -8.0 * own.heading_rad)
+
+    scenario = load(root / "configs" / "paper" / "theorem1.toml")
+    monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Slow())
+    monkeypatch.setattr(stiffness.time, "monotonic", lambda: clock[0])
+    assert len(course(scenario, 100.0)) == 2
+    assert clock[0] == 2 * 55.0
+    assert len(course(scenario, 0.0)) == 1
+    assert len(course(scenario)) > 2
+
+
 RATES = st.floats(1e-3, 1e9)
 LASTS = st.floats(1e-9, 1e3)
 
