@@ -20,7 +20,7 @@ from formation.scenario import Scenario
 from formation.selectors import named
 from netem.problems import Place, Problem, problems, shown
 from netem.settings import SettingError
-from netem.tables import nanoseconds
+from netem.tables import nanoseconds, read_toml
 from netem.timeline import NEVER
 
 
@@ -42,14 +42,11 @@ def load(path: Path, overrides: Iterable[str] = ()) -> Scenario:
     Raises:
         ScenarioError: with every problem, or the one that stopped the reading.
     """
-    file = str(path)
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise _failure(file, f"not TOML: not UTF-8 text (byte {error.start})") from None
-    except OSError as error:
-        raise _failure(file, f"cannot be read: {error.strerror}") from None
-    return loads(text, file, overrides, folder=path.parent)
+        data = read_toml(path)
+    except ValueError as error:
+        raise _failure(str(path), str(error)) from None
+    return _built(data, str(path), overrides, path.parent)
 
 
 def loads(
@@ -67,6 +64,12 @@ def loads(
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _failure(file, f"not TOML: {error}") from None
+    return _built(data, file, overrides, folder)
+
+
+def _built(
+    data: dict[str, Any], file: str, overrides: Iterable[str], folder: Path | None
+) -> Scenario:
     bad = [problem for text in overrides if (problem := _override(data, text))]
     scenario, found = _validate(data, folder)
     bad += found

@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from formation.loading import load
+from lab.layout import NOWHERE, blueprint, half_width
 from lab.recording import STATES
 from lab.rrd import FILE
-from lab.scene import blueprint, half_width
 from lab.signals import stop_signals
 from lab.viewer import Viewer
 
@@ -54,4 +54,4 @@ def _places(folder: Path) -> NDArray[np.float64]:
         table = pq.read_table(folder / STATES, columns=["x_m", "y_m"])
         return np.column_stack([table.column(axis).to_numpy() for axis in ("x_m", "y_m")])
     except (OSError, pa.ArrowException, KeyError, ValueError):  # it broke off, or is damaged
-        return np.empty((0, 2))
+        return NOWHERE

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from formation.geometry import errors, fitted_rotation, rotated
@@ -22,7 +21,7 @@ from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, 
 from formation.roster import Roster
 from formation.scenario import Scenario
 from lab.canvas import COLOURS, around, bowed, bows
-from lab.lyapunov import is_defined
+from lab.layout import blueprint, half_width
 from netem.link import DELIVERED, DUPLICATED
 from netem.tables import nanoseconds
 from netem.timeline import NEVER, Timeline
@@ -33,20 +32,15 @@ MOST_CELLS = 600_000
 """... and at most so many divided by robots and directed links together."""
 MOST_WINDOWS = 600
 """Stretches of a run over which a link's delay and loss are averaged, at most."""
-TRAIL_S = 15.0
 LINKS_LATE_NS = 1_200_000_000
 """What became of messages up to an instant is known so much later, at the latest."""
 _TOGETHER = 10
 _DASHES = 7
 _BENDS = 5
 """Straight parts of a link that bends around others."""
-_MOST_NAMED = 10
 _MOST_LABELS = 40
 _GREY = 0x9A9A9AFF
 _FLOOR = 1e-16
-_MARGIN = 1.4
-_GROWS = 1.25
-_MOST_GROWN = 16.0
 _SHOWN = {"#000000": "#AA4499"}
 """Viewers are dark or light: what is seen on both."""
 
@@ -124,20 +118,20 @@ class Scene:
     def _begin(self) -> None:
         """What does not change, and the blueprint."""
         scenario, stream = self._scenario, self._stream
-        self._half = _first_half(scenario)
+        self._half = half_width(scenario)
         stream.send_blueprint(blueprint(scenario, self._half))
         self._size = size = 2.0 * self._half
         stream.log("field/robots", rr.Points2D.from_fields(radii=[0.018 * size]), static=True)
         stream.log("field/names", rr.Points2D.from_fields(
             radii=[0.0], labels=list(map(str, scenario.ids)), show_labels=True,
-            colors=_rgba(scenario.ids),
+            colors=_rgba(len(scenario.ids)),
         ), static=True)  # fmt: skip
         stream.log("field/headings", rr.Arrows2D.from_fields(radii=[0.004 * size]), static=True)
         stream.log("field/pattern", rr.LineStrips2D.from_fields(
             radii=[0.004 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
         stream.log("field/places", rr.Points2D.from_fields(
             radii=[0.009 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
-        for (name, unit), colour in zip(_ERRORS.items(), _rgba(range(3)), strict=True):
+        for (name, unit), colour in zip(_ERRORS.items(), _rgba(len(_ERRORS)), strict=True):
             _label(stream, f"errors/{name}", f"log10 {name} ({unit})", int(colour))
         _label(stream, "lyapunov/v", "log10 V")
 
@@ -166,7 +160,7 @@ class Scene:
             self._half = half
             self._stream.send_blueprint(blueprint(self._scenario, half))
         up = self._up(t_ns)
-        colours = np.where(up, _rgba(self._scenario.ids), _GREY).astype(np.uint32)
+        colours = np.where(up, _rgba(len(self._scenario.ids)), _GREY).astype(np.uint32)
         count = len(self._scenario.ids)
         times, send, sizes = self._times(t_ns), self._stream.send_columns, [count] * len(t_ns)
         send("field/robots", times, rr.Points2D.columns(
@@ -371,53 +365,6 @@ class _Traffic:
         )
 
 
-def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) -> rrb.Blueprint:
-    """How the scene is laid out, with a field of half the width ``half_m``.
-
-    ``speed``: play it so many times as fast as it was.
-    """
-    few = len(scenario.directed_links) <= _MOST_NAMED
-    legend = rrb.PlotLegend(visible=few)
-    each = "" if few else "; point at a line to see its link"
-    corner = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)  # errors fall
-    centre = _centre(scenario)
-    trail = rrb.VisibleTimeRange(
-        "sim_time", start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
-    )  # fmt: skip
-    field = rrb.Spatial2DView(
-        origin="field", name="field (m; colour of a link: age of what was heard)",
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=[centre[0] - half_m, centre[0] + half_m],
-            y_range=[-centre[1] - half_m, -centre[1] + half_m],
-        ),
-        overrides={"field/trails": rrb.VisibleTimeRanges(trail)},
-    )  # fmt: skip
-    plots = [
-        rrb.TimeSeriesView(
-            origin="errors", name="errors (Eqs. 3-5), powers of ten", plot_legend=corner
-        ),
-        rrb.TimeSeriesView(origin="lyapunov", name="V, powers of ten", plot_legend=corner),
-        rrb.TimeSeriesView(origin="links/delay", name=f"delay (ms{each})", plot_legend=legend),
-        rrb.TimeSeriesView(origin="links/loss", name=f"lost (%{each})", plot_legend=legend),
-    ]
-    if not is_defined(scenario):
-        del plots[1]
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                field, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1]
-            ),
-            rrb.Vertical(*plots),
-            column_shares=[3, 2],
-        ),
-        rrb.TimePanel(timeline="sim_time", state="collapsed", playback_speed=speed,
-                      play_state=None if speed is None else "playing"),
-        rrb.BlueprintPanel(state="hidden"), rrb.SelectionPanel(state="hidden"),
-        auto_layout=False, auto_views=False,
-    )  # fmt: skip
-
-
 def _decided_ns(row: LinkRow) -> int:
     """When it was decided what became of a message, as far as is known."""
     return row.t_sent_ns if row.t_usable_ns is None else row.t_usable_ns
@@ -448,36 +395,6 @@ def _stride(scenario: Scenario, bows: Array) -> int:
     return -(-instants // frames)
 
 
-def half_width(scenario: Scenario, places: Array, half_m: float | None = None) -> float:
-    """Half the width (m) of what must be in sight to see all ``places`` (..., 2).
-
-    It grows in steps from ``half_m``, or from what shows all starts and the pattern; not without
-    end: who diverges leaves.
-    """
-    first_m = _first_half(scenario)
-    half_m = first_m if half_m is None else half_m
-    away = np.abs(places - _centre(scenario))
-    farthest_m = float(away[np.isfinite(away)].max(initial=0.0))
-    while half_m < farthest_m and half_m < _MOST_GROWN * first_m:
-        half_m *= _GROWS
-    return half_m
-
-
-def _first_half(scenario: Scenario) -> float:
-    return max(0.5 * _MARGIN * float(np.ptp(_known(scenario), axis=0).max()), 0.5)
-
-
-def _centre(scenario: Scenario) -> Array:
-    known = _known(scenario)
-    return (known.min(axis=0) + known.max(axis=0)) / 2  # type: ignore[no-any-return]
-
-
-def _known(scenario: Scenario) -> Array:
-    """The places known before the run: starts and pattern, (n, 2)."""
-    starts = np.array([(robot.start.x_m, robot.start.y_m) for robot in scenario.robots])
-    return np.concatenate([starts, scenario.offsets_m])
-
-
 def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[int, int]]:
     """The spans of ticks in which a robot is down, of those that touch ``first`` to ``last``."""
     tick = first
@@ -490,10 +407,10 @@ def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[
             tick = span.end
 
 
-def _rgba(robots: Sequence[int]) -> Array:
+def _rgba(count: int) -> Array:
     shown = [_SHOWN.get(colour, colour) for colour in COLOURS]
     return np.array([
-        int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(len(robots))
+        int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(count)
     ], dtype=np.uint32)  # fmt: skip
 
 

@@ -11,9 +11,9 @@ from rerun.chunk import RrdReader
 from formation.loading import loads
 from formation.record import Sample, Samples
 from lab.canvas import MOST_BENT, bowed, bows
+from lab.layout import half_width
 from lab.new import Wish, scenario_text
 from lab.rrd import RunFile
-from lab.scene import half_width
 
 ALONG = np.linspace(0.0, 1.0, 101)
 WISH = Wish("x", 8, "wedge", "ring", "ideal", None, 1, "lockstep")
