@@ -57,7 +57,7 @@ def compiled() -> list[Extension]:
     for extension in extensions:
         extension.optional = True
         # A fused multiply-add rounds once where Python rounds twice.
-        extension.extra_compile_args += ["-ffp-contract=off"]
+        extension.extra_compile_args = [*extension.extra_compile_args, "-ffp-contract=off"]
     return extensions
 
 

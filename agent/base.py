@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Set
 from numbers import Real
 from typing import Any, NamedTuple
 
-from agent.law import Command, Law, failure
+from agent.law import RAISED, Command, Law, failure
 from formation.messages import (
     Broadcast,
     Drive,
@@ -29,7 +29,7 @@ from netem.tables import nanoseconds
 from netem.timeline import NEVER
 
 
-def _pair(command: Any) -> Command:
+def pair(command: Any) -> Command:
     """What a law returned, as two floats; a plug-in may return any two numbers."""
     try:
         numbers = () if isinstance(command, str | bytes | Mapping | Set) else tuple(command)
@@ -139,10 +139,11 @@ class RobotBase:
         """The law's answer to what was sensed at ``now_ns``; raises LawFailed."""
         try:
             command = self._command(now_ns, state, self._newest)
-            if not (type(command) is Command and type(command[0]) is type(command[1]) is float):
-                command = _pair(command)
+            kind: object = type(command)  # if mypyc knew it, it would take the two for floats
+            if not (kind is Command and type(command[0]) is type(command[1]) is float):
+                command = pair(command)
             return make(Drive, (self.robot, number, command[0], command[1]))
-        except Exception as error:  # a law may raise anything
+        except RAISED as error:
             failed = failure(self.robot, error)
             failed.__cause__ = error  # mypyc leaves out what ``raise ... from`` says
             raise failed  # noqa: B904

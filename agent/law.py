@@ -26,7 +26,8 @@ from formation.messages import Stamped, State
 from formation.scenario import LawSettings, Scenario, Vehicle
 from netem.problems import nearest
 
-_HERE = Path(__file__).resolve().parent
+_CALLERS = {Path(__file__).resolve().parents[1] / name for name in ("agent", "lab")}
+"""Where laws are called from."""
 
 GROUP = "formnet.laws"
 
@@ -105,12 +106,16 @@ class LawFailed(RuntimeError):
         self.robot = robot
 
 
-def failure(robot: int, error: Exception) -> LawFailed:
+RAISED = (Exception, SystemExit)
+"""What a law may raise; Ctrl-C is none of its business."""
+
+
+def failure(robot: int, error: BaseException) -> LawFailed:
     """``error``, which came out of a law, with the law's own line."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_absolute() and Path(frame.filename).parent != _HERE
+        if Path(frame.filename).is_absolute() and Path(frame.filename).parent not in _CALLERS
     ]  # of compiled modules the names are relative
     own = [frame for frame in frames if frame.filename == frames[0].filename]
     where = f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
@@ -130,6 +135,12 @@ def installed() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
 
 
+def foreign(kind: str) -> bool:
+    """Whether the law called ``kind`` is installed and not formnet's own."""
+    entry = installed().get(kind)
+    return entry is not None and not entry.module.startswith(f"{__package__}.")
+
+
 def load(kind: str) -> LawFactory:
     """The law called ``kind``.
 
@@ -142,7 +153,7 @@ def load(kind: str) -> LawFactory:
         raise UnknownLaw(f"no law {kind!r} is installed (installed: {', '.join(entries)}){hint}")
     try:
         factory: LawFactory = entries[kind].load()
-    except Exception as error:
+    except RAISED as error:
         raise UnknownLaw(
             f"law {kind!r} ({entries[kind].value}) cannot be imported: "
             f"{type(error).__name__}: {error}"
@@ -212,6 +223,6 @@ def accepts(scenario: Scenario) -> str | None:
     for robot in scenario.ids:
         try:
             factory(situation(scenario, robot))
-        except Exception as error:
+        except RAISED as error:
             return f"law {scenario.law.kind!r} refuses robot {robot}: {error}"
     return None

@@ -21,7 +21,7 @@ from typing import Any
 
 import zenoh
 
-from agent.law import LawFailed, make
+from agent.law import RAISED, LawFailed, make
 from agent.realtime import RealtimeLoop
 from agent.robot import Robot
 from agent.timed import TimedRobot
@@ -120,7 +120,7 @@ class RobotProcess:
                 self._robot = Robot(
                     scenario, self._id, run=self._run, law=law, first_tick=brief.tick
                 )
-        except Exception as error:  # a plug-in's constructor may raise anything
+        except RAISED as error:  # a plug-in's constructor may
             return self._fail(error)
         gc.freeze()  # what start-up has made stays; do not scan it again and again
         self._subscriptions += [
@@ -339,7 +339,7 @@ class RobotProcess:
         if sample.kind == zenoh.SampleKind.DELETE:
             self.stop("the plant is gone")
 
-    def _fail(self, error: Exception) -> int:
+    def _fail(self, error: BaseException) -> int:
         traceback.print_exc()
         what = str(error) if isinstance(error, LawFailed) else f"{type(error).__name__}: {error}"
         failed = Failed(self._id, what[:MOST_TEXT])

@@ -8,22 +8,23 @@ from rich.markup import escape
 from formation.loading import ScenarioError
 from formation.scenario import Scenario
 from formation.theory import Assessment, assess
-from lab.run import ALL_HOLD, BAD_INPUT, load_checked, look_ahead, report_problems
+from lab.run import ALL_HOLD, BAD_INPUT, load_checked, report_problems, warn
 
 
 def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
+    troubles = Console(stderr=True)
     try:
-        scenario = load_checked(path, overrides)
+        scenario, warnings = load_checked(path, overrides, troubles)
     except ScenarioError as error:
-        report_problems(Console(stderr=True), error)
+        report_problems(troubles, error)
         return BAD_INPUT
     assessment = assess(scenario)
     console = Console(highlight=False)
     console.print(f"{escape(str(path))}: valid", soft_wrap=True)
     for line in [*describe(assessment), *describe_plan(scenario)]:
         console.print(escape(line), soft_wrap=True)
-    look_ahead(console, scenario)
+    warn(console, warnings)
     return ALL_HOLD
 
 

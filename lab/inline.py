@@ -8,14 +8,14 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 
-from agent.law import LawFailed, failure, make
+from agent.law import RAISED, LawFailed, failure, make
 from agent.robot import Robot
 from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario
 from lab import stuck
 from netem.link import IN_FLIGHT, LOST_DOWN
-from plant.world import DIVERGED, World
+from plant.world import World
 
 _FLUSH_TICKS = 100
 
@@ -79,7 +79,7 @@ class _Run:
         except KeyboardInterrupt:
             return self._finish("interrupted", None, "stopped by the user")
         if world.diverged is not None:
-            return self._finish("diverged", world.diverged.robot, DIVERGED)
+            return self._finish("diverged", world.diverged.robot, world.diverged.reason)
         return self._finish("completed", None, "")
 
     def _start(self, robot: int) -> None:
@@ -89,7 +89,7 @@ class _Run:
             self._robots[robot] = Robot(
                 self._scenario, robot, run=self._name, law=law, first_tick=self._world.tick
             )
-        except Exception as error:  # a plug-in may raise anything
+        except RAISED as error:
             raise failure(robot, error) from error
 
     def _happen(self) -> None:

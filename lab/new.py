@@ -282,6 +282,7 @@ beta = {beta}  # larger: sideways errors vanish faster; stiffer
 w1 = {{ bias = {bias} }}  # rad/s; at the end all robots turn in place like this
 feedback_gain = 3.0  # how fast velocities follow what the law wants
 boundary_layer = {boundary_layer}  # larger: gentler against wrong estimates
+gamma = 0.01  # it shrinks as exp(-gamma t): exact in the end, but stiff for who is back late
 length_scale_m = {scale_m}  # about as far as robots start from their places
 
 [network.default]  # every link, each direction by itself (docs/netem.md)

@@ -13,12 +13,12 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from agent.law import accepts
 from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
-from lab import live, lyapunov, stiffness, stuck, verdict
+from lab import live, lyapunov, verdict
 from lab.execution import execute
+from lab.foresight import foresee
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.recording import Recording, RunExists
@@ -48,7 +48,7 @@ def run_scenario(
     """
     console = Console(stderr=True)
     try:
-        scenario = load_checked(path, overrides)
+        scenario, warnings = load_checked(path, overrides, console)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -58,7 +58,7 @@ def run_scenario(
             "--set clock.mode=lockstep, or leave --inline out", soft_wrap=True,
         )  # fmt: skip
         return BAD_INPUT
-    warnings = look_ahead(console, scenario)
+    warn(console, warnings)
     try:
         hosts = None if inline else where.hosts(scenario)
     except BadPlace as error:
@@ -107,30 +107,27 @@ def run_scenario(
         return code
 
 
-def load_checked(path: Path, overrides: tuple[str, ...]) -> Scenario:
-    """Load a scenario and see that its law can be had.
+def load_checked(
+    path: Path, overrides: tuple[str, ...], console: Console
+) -> tuple[Scenario, list[str]]:
+    """Load a scenario, see that its law can be had, and what is to be feared.
 
     Raises:
         ScenarioError: with every problem found.
     """
     scenario = load(path, overrides)
-    problem = accepts(scenario)
+    problem, warnings = foresee(
+        scenario, lambda text: console.print(f"[yellow]waiting:[/] {escape(text)}", soft_wrap=True)
+    )
     if problem is not None:
         raise ScenarioError(str(path), [Problem("law.kind", repr(scenario.law.kind), problem)])
-    return scenario
+    return scenario, warnings
 
 
-def look_ahead(console: Console, scenario: Scenario) -> list[str]:
-    """Print what is to be feared, and return it."""
-
-    def say(where: str) -> None:
-        console.print(f"[yellow]looking ahead[/] takes long: the law is at {where}")
-
-    with stuck.told(say):
-        warnings = stiffness.warnings(scenario)
+def warn(console: Console, warnings: list[str]) -> None:
+    """Print warnings, one a line."""
     for warning in warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True)
-    return warnings
 
 
 def report_problems(console: Console, error: ScenarioError) -> None:

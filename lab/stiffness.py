@@ -3,24 +3,28 @@
 A command is held for a control period h. Where the closed loop, linearised, has an eigenvalue
 λ with h |λ| beyond 2, a held command overshoots by more than it corrects: the robot chatters
 or diverges. Far from the pattern the law is stiffest, and at speed stiffer still, so the way in
-is followed from the starting poses, by steps that are short enough. It is an estimate: what
-links lose, and when they change, is left out.
+is followed from the starting poses, by steps that are short enough, and past the planned return
+of robots that are down: they come back late, to gains that grow with time. It is an estimate:
+what links lose, and when they change, is left out.
 """
 
 import time
 from collections import deque
 from collections.abc import Iterator
-from math import ceil, cos, floor, inf, log10, sin
+from math import ceil, cos, floor, inf, log10, nan, sin
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.law import Law, make
-from formation.messages import Stamped, State
+from agent.base import pair
+from agent.law import RAISED, Law, LawFailed, failure, make
+from formation.messages import Stamped, State, finite
+from formation.roster import Happening
 from formation.scenario import Scenario
 from formation.theory import assess
 from netem.tables import nanoseconds
-from plant.body import Body, driven, steered
+from plant.body import Body, driven, left_alone, steered
 
 LIMIT = 2.0
 """h |λ| at which a held command turns a decay 1 − h |λ| into a growth."""
@@ -31,16 +35,26 @@ MARGIN = 0.5
 SHARE = 0.2
 """Of the fastest time constant, the length of a step on the way in."""
 HORIZON_S = 10.0
-"""How much of the way is followed, at most."""
+"""How much of the way is followed, at most, from the start and from a robot's return."""
 LOOKS = 400
-"""At most so many looks at the eigenvalues; then the way ends earlier."""
+"""At most so many looks at the eigenvalues; then the way ends earlier ..."""
+LOOKS_BACK = 4000
+"""... unless it is followed to where robots return."""
 MOST_S = 3.0
 """A law that takes its time is not followed for longer before a run, in wall time."""
 STEPS = 5
 """Steps from one look to the next."""
 
-Course = list[tuple[float, float]]
-"""The largest |λ| (1/s) of all robots, and for how long (s) it lasts, again and again."""
+
+class Look(NamedTuple):
+    """From ``at_s`` on, for ``lasts_s``, the largest |λ| of all robots is ``rate`` (1/s)."""
+
+    at_s: float
+    rate: float
+    lasts_s: float
+
+
+Course = list[Look]
 
 
 def warnings(scenario: Scenario) -> list[str]:
@@ -52,27 +66,32 @@ def course(scenario: Scenario, most_s: float = inf) -> Course:
     """How fast the closed loop is on the way in; empty if the law does not lead there.
 
     Where that takes longer than ``most_s``, as far as it was followed.
+
+    Raises:
+        LawFailed: the law raised.
     """
-    try:
-        found = list(_Way(scenario).looks(time.monotonic() + most_s))
-    except Exception:  # a plug-in may raise anything; the run will say what
-        return []
-    return found if all(rate < inf for rate, _ in found) else []
+    found = list(_Way(scenario).looks(time.monotonic() + most_s))
+    return found if all(look.rate < inf for look in found) else []
 
 
 def longest_period_s(course: Course) -> float:
     """The longest control period that keeps h |λ| below 2, but for less than one period."""
     above_s = 0.0
-    for rate, lasts_s in sorted(course, reverse=True):
-        above_s += lasts_s
-        if above_s * rate >= LIMIT:
-            return LIMIT / rate
+    for look in sorted(course, key=lambda look: look.rate, reverse=True):
+        above_s += look.lasts_s
+        if above_s * look.rate >= LIMIT:
+            return LIMIT / look.rate
     return inf
 
 
 def _sampling(scenario: Scenario) -> Iterator[str]:
     period_s = scenario.clock.control_period_s
-    longest_s = longest_period_s(course(scenario, MOST_S))
+    try:
+        way = course(scenario, MOST_S)
+    except LawFailed as error:
+        yield f"the law, tried before the run, failed: robot {error.robot}: {error}"
+        return
+    longest_s = longest_period_s(way)
     if period_s <= longest_s:
         return
     if longest_s >= SHORTEST_S:
@@ -80,14 +99,32 @@ def _sampling(scenario: Scenario) -> Iterator[str]:
         advice = [f"control_period_s <= {suggested_s:g}"]
     else:
         advice = ["smaller gains", "a larger law.length_scale_m"]
-    beta = _softer(scenario)
-    if beta is not None:
-        advice.append(f"law.beta <= {beta:g}")
+    advice += _softer(scenario)
     yield (
-        f"clock.control_period_s = {period_s:g}: too long for these gains; from these starts the "
-        f"closed loop is as fast as {LIMIT / longest_s:.3g} 1/s, so commands held for more than "
-        f"about {longest_s:.2g} s chatter or diverge. Try {', or '.join(advice)}"
+        f"clock.control_period_s = {period_s:g}: too long for these gains; {_when(scenario, way)} "
+        f"the closed loop is as fast as {LIMIT / longest_s:.3g} 1/s, so commands held for more "
+        f"than about {longest_s:.2g} s chatter or diverge. Try {', or '.join(advice)}"
     )
+
+
+def _when(scenario: Scenario, way: Course) -> str:
+    """Words for when the loop is fastest."""
+    fastest = max(way, key=lambda look: look.rate)
+    period_s = scenario.clock.control_period_s
+    back = [back for back in returns(scenario) if back.tick * period_s <= fastest.at_s]
+    if not back:
+        return "from these starts"
+    robots = " and ".join(map(str, back[-1].robots))
+    return f"after the {back[-1].verb} of robot {robots} at {back[-1].tick * period_s:g} s"
+
+
+def returns(scenario: Scenario) -> list[Happening]:
+    """When, by the plan, robots that were down take part again, ascending."""
+    return [
+        happening
+        for happening in scenario.roster().happenings()
+        if happening.verb in ("restart", "resume") and happening.tick <= scenario.ticks
+    ]
 
 
 def _part_of(broadcast_period_s: float, longest_s: float) -> float:
@@ -97,21 +134,23 @@ def _part_of(broadcast_period_s: float, longest_s: float) -> float:
     return broadcast_period_s / min(k * tens for k in (1, 2, 4, 5, 8, 10) if k * tens >= parts)
 
 
-def _softer(scenario: Scenario) -> float | None:
-    """The largest β (two digits) that goes well with the period, if one does without harm."""
+def _softer(scenario: Scenario) -> Iterator[str]:
+    """The largest β and γ (two digits) that go well with the period, where one does, unharmed."""
     if scenario.law.kind != "cooperative":
-        return None
+        return
     known = assess(scenario).warnings
-    beta = scenario.law.beta
-    for _ in range(10):
-        beta = _two_digits(0.75 * beta)
-        law = scenario.law.model_copy(update={"beta": beta})
-        changed = scenario.model_copy(update={"law": law})
-        if assess(changed).warnings != known:
-            return None
-        if scenario.clock.control_period_s <= MARGIN * longest_period_s(course(changed, MOST_S)):
-            return beta
-    return None
+    period_s = scenario.clock.control_period_s
+    for gain, factor, tries in (("beta", 0.75, 10), ("gamma", 0.3, 4)):
+        value = getattr(scenario.law, gain)
+        for _ in range(tries):
+            value = _two_digits(factor * value)
+            law = scenario.law.model_copy(update={gain: value})
+            changed = scenario.model_copy(update={"law": law})
+            if assess(changed).warnings != known:
+                break
+            if period_s <= MARGIN * longest_period_s(course(changed, MOST_S)):
+                yield f"law.{gain} <= {value:g}"
+                break
 
 
 def _two_digits(value: float) -> float:
@@ -127,8 +166,14 @@ class _Way:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._end_ns = nanoseconds(min(HORIZON_S, scenario.duration_s))
+        back = [some.tick * scenario.clock.control_period_s for some in returns(scenario)]
+        self._end_ns = nanoseconds(min(max([0.0, *back]) + HORIZON_S, scenario.duration_s))
+        self._most_looks = LOOKS_BACK if back else LOOKS
+        self._longest_ns = nanoseconds(min(HORIZON_S, scenario.duration_s)) // 200
         self._dynamic = scenario.law.level == "dynamic"
+        self._plant = scenario.plant
+        self._roster = scenario.roster()
+        self._period_ns = scenario.clock.control_period_ns
         self._every_ns = scenario.clock.broadcast_period_ns
         self._delays_ns = {link: _delay_ns(scenario, *link) for link in scenario.directed_links}
         self._neighbours = scenario.neighbours_of
@@ -137,34 +182,53 @@ class _Way:
         self._states = {robot: scenario.start_state(robot) for robot in scenario.ids}
         self._broadcasts: deque[tuple[int, dict[int, State]]] = deque()
 
-    def looks(self, until_s: float) -> Iterator[tuple[float, float]]:
-        """One entry of a :data:`Course` after the other, until :func:`time.monotonic` is there."""
+    def looks(self, until_s: float) -> Iterator[Look]:
+        """One look after the other, until :func:`time.monotonic` is there. Raises LawFailed."""
         now_ns = 0
-        for _ in range(LOOKS):
+        for _ in range(self._most_looks):
             if now_ns >= self._end_ns or time.monotonic() > until_s:
                 return
             rate = self._rate(now_ns)
-            step_ns = min(ceil(SHARE / max(rate, 1e-3) * 1e9), ceil(self._end_ns / 200))
-            yield rate, STEPS * step_ns / 1e9
+            step_ns = min(ceil(SHARE / max(rate, 1e-3) * 1e9), self._longest_ns)
+            yield Look(now_ns / 1e9, rate, STEPS * step_ns / 1e9)
             for _ in range(STEPS):
                 self._step(now_ns, step_ns)
                 now_ns += step_ns
+
+    def _up(self, robot: int, now_ns: int) -> bool:
+        return self._roster.up(robot, now_ns // self._period_ns)
 
     def _step(self, now_ns: int, step_ns: int) -> None:
         heard = self._heard(now_ns)
         reached = {}
         for robot, state in self._states.items():
-            first, second = self._laws[robot].command(now_ns, state, heard[robot])
+            body = self._bodies[robot]
+            if not self._up(robot, now_ns):
+                left = body if self._dynamic else None
+                reached[robot] = left_alone(self._plant, left, state, step_ns / 1e9)
+                continue
+            first, second = self._command(robot, now_ns, state, heard[robot])
             if self._dynamic:
-                reached[robot] = driven(self._bodies[robot], state, first, second, step_ns / 1e9)
+                reached[robot] = driven(body, state, first, second, step_ns / 1e9)
             else:
                 reached[robot] = steered(state, first, second, step_ns / 1e9)
         self._states = reached
 
+    def _command(
+        self, robot: int, now_ns: int, state: State, heard: tuple[Stamped, ...]
+    ) -> tuple[float, float]:
+        try:
+            return pair(self._laws[robot].command(now_ns, state, heard))
+        except RAISED as error:
+            if not finite(state):
+                return nan, nan
+            raise failure(robot, error) from error
+
     def _heard(self, now_ns: int) -> dict[int, tuple[Stamped, ...]]:
         sent = self._broadcasts
         if not sent or now_ns >= sent[-1][0] + self._every_ns:
-            sent.append((now_ns, self._states))
+            up = {robot: s for robot, s in self._states.items() if self._up(robot, now_ns)}
+            sent.append((now_ns, up))
         oldest_ns = now_ns - max(self._delays_ns.values(), default=0)
         while len(sent) > 1 and sent[1][0] <= oldest_ns:
             sent.popleft()
@@ -178,18 +242,21 @@ class _Way:
         }
 
     def _newest(self, robot: int, until_ns: int) -> list[Stamped]:
-        """The newest broadcast of ``robot`` up to an instant; none if there is none."""
+        """The newest broadcast of ``robot`` up to an instant; none if it was down."""
         for stamp_ns, states in reversed(self._broadcasts):
             if stamp_ns <= until_ns:
-                return [Stamped(robot, stamp_ns, states[robot])]
+                return [Stamped(robot, stamp_ns, states[robot])] if robot in states else []
         return []
 
     def _rate(self, now_ns: int) -> float:
-        """The largest |λ| of all robots now."""
+        """The largest |λ| of all robots that are up now."""
         heard = self._heard(now_ns)
-        jacobians = [self._jacobian(robot, now_ns, heard[robot]) for robot in self._states]
+        up = [robot for robot in self._states if self._up(robot, now_ns)]
+        jacobians = [self._jacobian(robot, now_ns, heard[robot]) for robot in up]
         if not np.all(np.isfinite(jacobians)):
             return inf
+        if not up:
+            return 0.0
         return float(np.abs(np.linalg.eigvals(np.array(jacobians))).max())
 
     def _jacobian(self, robot: int, now_ns: int, heard: tuple[Stamped, ...]) -> NDArray[np.float64]:
@@ -209,7 +276,7 @@ class _Way:
         self, robot: int, now_ns: int, state: State, heard: tuple[Stamped, ...]
     ) -> NDArray[np.float64]:
         """How the state changes under the law's command: (5,), kinematic (3,)."""
-        first, second = self._laws[robot].command(now_ns, state, heard)
+        first, second = self._command(robot, now_ns, state, heard)
         c, s = cos(state.heading_rad), sin(state.heading_rad)
         if not self._dynamic:
             return np.array([first * c, first * s, second])

@@ -18,7 +18,7 @@ def told(say: Callable[[str], None], progress: Callable[[], int] = lambda: 0) ->
     done, runner = threading.Event(), threading.get_ident()
 
     def watch() -> None:
-        said = before = None
+        said, before = None, progress()
         while not done.wait(PATIENCE_S):
             now = progress()
             if now == before != said:

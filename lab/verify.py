@@ -8,12 +8,12 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from agent.law import accepts
 from formation.loading import ScenarioError
 from formation.record import Sample
 from lab import verdict
 from lab.difference import first_difference
 from lab.execution import execute
+from lab.foresight import foresee
 from lab.recorded import Unreadable, read_whole
 from lab.recording import Recording, trajectory_sha256
 from lab.run import (
@@ -54,7 +54,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     recorded = read_whole(folder)
     judged = recorded.verdict
     assert judged is not None
-    problem = accepts(recorded.scenario)
+    problem, _ = foresee(recorded.scenario)
     if problem is not None:
         raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
     if recorded.scenario.clock.mode == "realtime":

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from math import cos, sin
 
 from formation.messages import State, make
-from formation.scenario import Vehicle
+from formation.scenario import Plant, Vehicle
 
 # Gauss-Legendre collocation with three stages, order 6 (Hairer, Nørsett, Wanner,
 # Solving Ordinary Differential Equations I, section II.7): nodes and weights on
@@ -201,6 +201,20 @@ def braked(state: State, period_s: float, time_s: float) -> State:
     speed, turn_rate = state.speed_mps, state.turn_rate_radps
     arc, turn = speed * effective_s, turn_rate * effective_s
     return _after_arc(state, arc, turn, speed * left, turn_rate * left)
+
+
+def left_alone(plant: Plant, body: Body | None, state: State, period_s: float) -> State:
+    """The state after ``period_s`` of a robot without a process (``plant.body_on_failure``).
+
+    ``body`` is None at the kinematic level.
+    """
+    if plant.body_on_failure == "freeze":
+        return State(state.x_m, state.y_m, state.heading_rad, 0.0, 0.0)
+    if plant.body_on_failure == "brake":
+        return braked(state, period_s, plant.brake_time_s)
+    if body is not None:
+        return driven(body, state, 0.0, 0.0, period_s)
+    return steered(state, state.speed_mps, state.turn_rate_radps, period_s)
 
 
 def _after_arc(

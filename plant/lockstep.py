@@ -27,7 +27,7 @@ from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formation.scenario import Scenario
 from netem.timeline import NEVER
 from plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
-from plant.world import DIVERGED, World
+from plant.world import World
 
 _FLUSH_TICKS = 100
 _MOST_UNREAD = 500
@@ -273,7 +273,7 @@ class LockstepPlant(Host):
         diverged = self._world.diverged
         if diverged is None:
             return self._outcome("completed", None, "")
-        return self._outcome("diverged", diverged.robot, DIVERGED)
+        return self._outcome("diverged", diverged.robot, diverged.reason)
 
     # --- Zenoh's threads -------------------------------------------------------------
 

@@ -29,7 +29,6 @@ from formation.sync import Spread
 from netem.wallclock import wake_punctually
 from plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
 from plant.timed import TimedWorld
-from plant.world import DIVERGED
 
 _REPORT_S = 0.1
 _MOST_AHEAD = 10
@@ -193,7 +192,7 @@ class RealtimePlant(Host):
         diverged = self._world.diverged
         if diverged is None:
             return self._outcome("completed", None, "")
-        return Outcome("diverged", diverged.t_ns, diverged.robot, DIVERGED)
+        return Outcome("diverged", diverged.t_ns, diverged.robot, diverged.reason)
 
     # --- Zenoh's threads -------------------------------------------------------------
 

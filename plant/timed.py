@@ -13,8 +13,8 @@ from formation.roster import Happening, Roster
 from formation.scenario import Scenario
 from netem.tables import nanoseconds
 from netem.timeline import NEVER
-from plant.body import Body, braked, driven, steered
-from plant.world import Diverged
+from plant.body import Body, braked, driven, left_alone, steered
+from plant.world import Diverged, diverged
 
 
 class _Track:
@@ -45,8 +45,7 @@ class TimedWorld:
         self._end_ns = scenario.ticks * self._control_ns
         self._samples = -(-self._end_ns // self._sample_ns)  # the last one is at the end
         self._timeout_ns = nanoseconds(scenario.plant.drive_timeout_s)
-        self._on_failure = scenario.plant.body_on_failure
-        self._brake_time_s = scenario.plant.brake_time_s
+        self._plant = scenario.plant
         self._dynamic = scenario.law.level == "dynamic"
         self._tracks = {
             robot: _Track(Body.of(scenario.vehicles[robot]), scenario.start_state(robot))
@@ -126,10 +125,10 @@ class TimedWorld:
             until_ns = min(t_ns, sample_ns, change * self._control_ns)
             if track.drive is not None and track.stale_ns > track.t_ns:
                 until_ns = min(until_ns, track.stale_ns)
-            track.state = self._moved(robot, track, (until_ns - track.t_ns) * 1e-9)
-            track.t_ns = until_ns
-            if not finite(track.state):
+            reached = self._moved(robot, track, (until_ns - track.t_ns) * 1e-9)
+            if not finite(reached):
                 self._diverge(robot, until_ns)
+            track.state, track.t_ns = reached, until_ns
 
     def _due_ns(self, sample: int) -> int:
         if sample > self._samples:
@@ -146,18 +145,17 @@ class TimedWorld:
             if self._dynamic:
                 return driven(track.body, track.state, applied[0], applied[1], seconds)
             return steered(track.state, applied[0], applied[1], seconds)
-        down = not self.up(robot, track.t_ns)
-        if down and self._on_failure == "freeze":
-            return State(*track.state[:3], 0.0, 0.0)
-        if down and self._on_failure == "coast":  # at the kinematic level
-            return steered(track.state, track.state.speed_mps, track.state.turn_rate_radps, seconds)
-        return braked(track.state, seconds, self._brake_time_s)
+        if not self.up(robot, track.t_ns):
+            body = track.body if self._dynamic else None
+            return left_alone(self._plant, body, track.state, seconds)
+        return braked(track.state, seconds, self._plant.brake_time_s)
 
     def _applied(self, robot: int, track: _Track) -> tuple[float, float] | None:
         """What drives a robot now; None if its brakes (or nothing) do."""
         if not self.up(robot, track.t_ns):
             track.drive = None  # one that comes back begins anew
-            return (0.0, 0.0) if self._dynamic and self._on_failure == "coast" else None
+            coasts = self._dynamic and self._plant.body_on_failure == "coast"
+            return (0.0, 0.0) if coasts else None
         return track.drive if track.t_ns < track.stale_ns else None
 
     def _take(self, robot: int, track: _Track) -> None:
@@ -171,4 +169,5 @@ class TimedWorld:
 
     def _diverge(self, robot: int, t_ns: int) -> None:
         if self.diverged is None:
-            self.diverged = Diverged(t_ns, robot)
+            states = {other: track.state for other, track in self._tracks.items()}
+            self.diverged = diverged(t_ns, states, robot)

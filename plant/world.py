@@ -8,6 +8,7 @@ has its command.
 """
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from formation.messages import Drive, Sense, State, finite, make
@@ -16,16 +17,36 @@ from formation.roster import Happening, Roster
 from formation.scenario import Scenario
 from netem.link import LOST_DOWN
 from netem.timeline import NEVER
-from plant.body import Body, braked, driven, steered
+from plant.body import Body, driven, left_alone, steered
 
-DIVERGED = "its command, or the state it leads to, is not finite"
+NOT_FINITE = "its command, or the state it leads to, is not finite"
+RUNAWAY = 1e3
+"""A robot that is faster (m/s or rad/s) has diverged, and takes with it whoever hears it."""
 
 
 class Diverged(NamedTuple):
-    """A robot's command at ``t_ns``, or where it leads, is not finite."""
+    """At ``t_ns`` a robot's command, or where it leads, was not finite, because of ``robot``."""
 
     t_ns: int
     robot: int
+    reason: str
+
+
+def diverged(t_ns: int, states: Mapping[int, State], blown: int) -> Diverged:
+    """Who is to blame that the next state of ``blown`` is not finite: who runs away fastest.
+
+    ``states`` are those before, of all robots.
+    """
+    fastest = max(states, key=lambda robot: _pace(states[robot]))
+    if not _pace(states[fastest]) > RUNAWAY:
+        return Diverged(t_ns, blown, NOT_FINITE)
+    speed, turn_rate = states[fastest][3:]
+    reason = f"it runs away, at {speed:.2g} m/s and {turn_rate:.2g} rad/s"
+    return Diverged(t_ns, fastest, reason)
+
+
+def _pace(state: State) -> float:
+    return max(abs(state.speed_mps), abs(state.turn_rate_radps))
 
 
 class World:
@@ -46,8 +67,7 @@ class World:
         self.diverged: Diverged | None = None
         self._roster: Roster = scenario.roster()
         self._neighbours = scenario.neighbours_of
-        self._on_failure = scenario.plant.body_on_failure
-        self._brake_time_s = scenario.plant.brake_time_s
+        self._plant = scenario.plant
         self._down_rows: list[LinkRow] = []
         self.up: list[int] = []
         self.changed = True
@@ -146,7 +166,7 @@ class World:
             self._row = {}
         if self._blown:  # the first in file order: the order of arrival must not matter
             first = next(robot for robot in self.ids if robot in self._blown)
-            self.diverged = Diverged(self.t_ns, first)
+            self.diverged = diverged(self.t_ns, self._states, first)
         if self.tick == self._ticks or self._blown:
             self.finished = True
             self.happenings = []
@@ -174,14 +194,17 @@ class World:
 
     def _leave_the_others(self) -> None:
         """What happens to robots that are down, and to messages to those without a process."""
+        over = self.tick == self._ticks
         for robot in self.ids:
             if robot in self._next:
                 continue
             state = self._states[robot]
             if self._recording:
-                torque = 0.0 if self._dynamic and self._on_failure == "coast" else None
+                torque = 0.0 if self._dynamic and self._plant.body_on_failure == "coast" else None
                 self._row[robot] = make(Sample, (self.t_ns, robot, *state, torque, torque))
-            self._next[robot] = reached = self._left_alone(robot, state)
+            body = self._bodies[robot] if self._dynamic else None
+            reached = state if over else left_alone(self._plant, body, state, self._period_s)
+            self._next[robot] = reached
             if not finite(reached):
                 self._blown.append(robot)
         if self.tick % self._record_every:
@@ -198,17 +221,6 @@ class World:
                         LOST_DOWN,
                     )
                     self._down_rows.append(make(LinkRow, row))
-
-    def _left_alone(self, robot: int, state: State) -> State:
-        if self.tick == self._ticks:
-            return state
-        if self._on_failure == "freeze":
-            return make(State, (*state[:3], 0.0, 0.0))
-        if self._on_failure == "brake":
-            return braked(state, self._period_s, self._brake_time_s)
-        if self._dynamic:
-            return driven(self._bodies[robot], state, 0.0, 0.0, self._period_s)
-        return steered(state, state.speed_mps, state.turn_rate_radps, self._period_s)
 
     def _moved(self, robot: int, state: State, drive: Drive) -> State:
         """Where the drive takes the robot; not finite if the drive is not."""

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from formation.messages import Drive, State
 from plant import model
 from plant.body import Body, driven, steered
-from plant.world import World
+from plant.world import NOT_FINITE, World
 
 
 def body(**changes: float) -> Body:
@@ -270,5 +270,5 @@ def test_world_reports_divergence_of_the_first_robot_whatever_the_order(paper, b
     assert not world.finished
     world.on_drive(Drive(1, 0, 0.0, 0.0))
     assert world.finished
-    assert world.diverged == (0, 2)
+    assert world.diverged == (0, 2, NOT_FINITE)
     assert len(world.take_samples()) == 5

@@ -18,6 +18,7 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 from conftest import missing
+from plugin import install
 
 from agent.law import Command, Situation
 from formation import bus, record
@@ -449,19 +450,14 @@ def by_hand(root: Path, endpoint: str, name: str, out: Path, *overrides: str) ->
 
 
 def install_law(folder: Path, body: str) -> dict[str, str]:
-    """A plug-in package with one law, installed by being on the path; returns the environment."""
-    (folder / "broken_law.py").write_text(
-        textwrap.dedent(f"""
+    """A plug-in package with one law; returns the environment in which it is installed."""
+    source = textwrap.dedent(f"""
         class Law:
             def __init__(self, situation): self.robot = situation.robot
             def command(self, now_ns, own, heard):
                 {body}
         """)
-    )
-    info = folder / "broken_law-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-law\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[formnet.laws]\nbroken = broken_law:Law\n")
+    install(folder, "broken", source)
     return {"PYTHONPATH": str(folder)}
 
 
@@ -485,6 +481,32 @@ def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, m
     log = (tmp_path / "plug-in" / "logs" / "robot-4.log").read_text()
     assert "broken_law.py" in log
     assert "ZeroDivisionError: division by zero\n" in log
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_a_law_that_leaves_ends_the_run_with_its_name(start, tmp_path, mode):
+    """SystemExit is no way out of a robot's process."""
+    body = "return exit(1) if self.robot == 4 and now_ns > 10**8 else (0.0, 0.0)"
+    run = start(
+        "plug-in", "law.kind=broken", "duration_s=2.0", f"clock.mode={mode}",
+        env=install_law(tmp_path, body),
+    )  # fmt: skip
+    assert run.wait() == 3
+    assert "robot 4: SystemExit: 1 (broken_law.py:5)" in " ".join(run.output().split())
+
+
+def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
+    """Before the run it is given up, and in the run it is lost."""
+    endless = "any(False for _ in iter(int, 1))"
+    body = f"return (0.0, 0.0) if self.robot != 4 or now_ns < 10**8 else {endless}"
+    run = start(
+        "plug-in", "law.kind=broken", "duration_s=2.0", "run.patience_s=1.0", "expect={}",
+        env=install_law(tmp_path, body),
+    )  # fmt: skip
+    assert run.wait() == 0
+    said = " ".join(run.output().split())
+    assert "had not answered after 10 s (it is at broken_law.py:5) when it was tried" in said
+    assert "lost at t = 0.101 s: robot 4: did not answer for 1 s" in said
 
 
 def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tmp_path):

@@ -1,5 +1,6 @@
 """The warning where gains and control period will not get along, against runs that break."""
 
+import re
 from math import inf
 
 import pytest
@@ -8,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.law import Command
-from formation.loading import load
+from formation.loading import load, loads
 from formation.theory import assess
 from lab import inline, stiffness
 from lab.cli import main
+from lab.new import Wish, scenario_text
 from lab.recording import Collected
-from lab.stiffness import LIMIT, course, longest_period_s, warnings
+from lab.stiffness import LIMIT, Look, course, longest_period_s, warnings
 
 COMPLETE = "formation.edges=[[1,2],[1,3],[1,4],[1,5],[2,3],[2,4],[2,5],[3,4],[3,5],[4,5]]"
 STAR = "formation.edges=[[1,2],[1,3],[1,4],[1,5]]"
@@ -98,14 +100,41 @@ def test_check_and_run_warn_with_numbers_that_help(root, tmp_path):
     assert words in said(["run", "--inline", "--out", str(tmp_path)], slow)
 
 
-def test_a_law_that_raises_is_the_run_s_business(root, monkeypatch):
+@pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit])
+def test_a_law_that_raises_is_warned_of(root, monkeypatch, error):
     class Broken:
         def command(self, now_ns, own, heard):
-            raise ZeroDivisionError
+            raise error("none")
 
     scenario = load(root / "configs" / "yard.toml")
     monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Broken())
-    assert warnings(scenario) == assess(scenario).warnings
+    said = f"the law, tried before the run, failed: robot 1: {error.__name__}: none (test_stiffness"
+    assert warnings(scenario)[-1].startswith(said)
+
+
+RETURN = 'timeline=[{action="kill", at_s=5.0, robots=3, restart_after_s=20.0}]'
+"""Of a robot that has to make up for 20 s of turning."""
+
+
+def fleet(*changes):
+    """The scenario of ``formnet new`` with a γ for which that is too much."""
+    text = scenario_text(Wish("fleet", 8, "wedge", "ring", "wifi", None, 1, "lockstep"))
+    return loads(text, overrides=["law.gamma=0.1", "duration_s=40.0", RETURN, *changes])
+
+
+def test_a_robot_that_comes_back_late_is_looked_at(root):
+    said = [warning for warning in warnings(fleet()) if "too long" in warning]
+    assert "after the restart of robot 3 at 25 s the closed loop is as fast as" in said[0]
+    advice = said[0].partition("Try ")[2]
+    period, gamma = re.fullmatch(
+        r"control_period_s <= (\S+), or law.gamma <= (\S+)", advice
+    ).groups()
+    assert inline.run(fleet(), "x", Collected(fleet())).kind == "diverged"
+    for change in (f"clock.control_period_s={period}", f"law.gamma={gamma}"):
+        mended = fleet(change)
+        assert not [warning for warning in warnings(mended) if "too long" in warning]
+        assert inline.run(mended, "x", Collected(mended)).kind == "completed"
+    assert not [warning for warning in warnings(fleet("timeline=[]")) if "too long" in warning]
 
 
 def test_any_law_is_looked_at(root, monkeypatch):
@@ -144,7 +173,7 @@ LASTS = st.floats(1e-9, 1e3)
 
 @given(st.lists(st.tuples(RATES, LASTS), max_size=20))
 def test_a_period_is_short_enough_while_what_is_too_fast_for_it_ends_within_one(looks):
-    longest_s = longest_period_s(looks)
+    longest_s = longest_period_s([Look(0.0, *look) for look in looks])
     shorter_s = 0.999 * longest_s if longest_s < inf else 1e9
     fast_s = sum(lasts for rate, lasts in looks if rate * shorter_s > LIMIT)
     assert fast_s <= shorter_s
@@ -154,6 +183,7 @@ def test_a_period_is_short_enough_while_what_is_too_fast_for_it_ends_within_one(
 
 
 def test_too_short_a_peak_does_no_harm():
-    assert longest_period_s([(10.0, 1.0), (1e4, 1e-5)]) == pytest.approx(0.2)
-    assert longest_period_s([(10.0, 1.0), (1e4, 1e-3)]) == pytest.approx(2e-4)
+    slow = Look(0.0, 10.0, 1.0)
+    assert longest_period_s([slow, Look(1.0, 1e4, 1e-5)]) == pytest.approx(0.2)
+    assert longest_period_s([slow, Look(1.0, 1e4, 1e-3)]) == pytest.approx(2e-4)
     assert longest_period_s([]) == inf

@@ -27,6 +27,7 @@ from lab.run import (
     ONE_FAILS,
     load_checked,
     report_problems,
+    warn,
 )
 from lab.signals import stop_signals
 
@@ -47,10 +48,11 @@ def run_nemesis(
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     try:
-        scenario = load_checked(path, overrides)
+        scenario, warnings = load_checked(path, overrides, console)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
+    warn(console, warnings)
     refused = _unfit(scenario)
     if refused is not None:
         console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)

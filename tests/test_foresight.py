@@ -1,0 +1,111 @@
+"""What is found out before a run, with laws that do not behave."""
+
+import sys
+
+import pytest
+from plugin import install
+
+from agent.law import installed
+from formation.loading import load
+from lab import foresight
+from lab.foresight import foresee
+
+LAW = """\
+import os, sys
+{head}
+class Law:
+    def __init__(self, situation):
+        self.robot = situation.robot
+        {init}
+    def command(self, now_ns, own, heard):
+        {command}
+"""
+
+
+@pytest.fixture
+def scenario(root):
+    return load(root / "configs" / "yard.toml", ["law.kind=odd", "clock.mode=lockstep"])
+
+
+@pytest.fixture
+def law(tmp_path, monkeypatch):
+    """A function that installs a law with these lines in it."""
+
+    def made(head="", init="pass", command="return 0.0, 0.0"):
+        install(tmp_path, "odd", LAW.format(head=head, init=init, command=command))
+        monkeypatch.syspath_prepend(tmp_path)
+        installed.cache_clear()
+
+    yield made
+    monkeypatch.undo()
+    installed.cache_clear()
+    assert "odd_law" not in sys.modules, "it was imported here"
+
+
+@pytest.mark.parametrize(
+    ("lines", "problem"),
+    [
+        ({"head": "1 / 0"}, "cannot be imported: ZeroDivisionError: division by zero"),
+        ({"head": "sys.exit(3)"}, "cannot be imported: SystemExit: 3"),
+        ({"head": "os._exit(0)"}, "ended its process (exit code 0) when it was imported and built"),
+        ({"head": "os.abort()"}, "brought its process down (signal 6) when it was imported and"),
+        ({"init": "raise ValueError('mine')"}, "law 'odd' refuses robot 1: mine"),
+        ({"init": "sys.exit('mine')"}, "law 'odd' refuses robot 1: mine"),
+    ],
+    ids=str,
+)
+def test_a_law_that_cannot_be_had(law, scenario, lines, problem):
+    law(**lines)
+    found = foresee(scenario)
+    assert problem in (found.problem or "")
+    assert found.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("command", "warning"),
+    [
+        (
+            "return 1 / 0, 0.0",
+            "failed: robot 1: ZeroDivisionError: division by zero (odd_law.py:8)",
+        ),
+        ("sys.exit(1)", "failed: robot 1: SystemExit: 1 (odd_law.py:8)"),
+        ("return None", "failed: robot 1: TypeError: the law must return two numbers, not None"),
+        ("return 'fast', 0.0", "TypeError: the law must return two numbers, not ('fast', 0.0)"),
+        ("os._exit(7)", "law 'odd' ended its process (exit code 7) when it was tried before"),
+    ],
+)
+def test_a_law_that_fails_is_had_and_warned_of(law, scenario, command, warning):
+    law(command=command)
+    found = foresee(scenario)
+    assert found.problem is None
+    assert warning in found.warnings[-1]
+
+
+def test_a_law_that_behaves_is_warned_of_like_one_of_ours(law, scenario):
+    law(command="return 0.0, -0.001 * own.heading_rad")
+    found = foresee(scenario)
+    assert found.problem is None
+    assert [warning.partition(":")[0] for warning in found.warnings] == [
+        "[expect] claims what no theorem covers"
+    ]
+
+
+def test_a_law_that_never_comes_back_is_given_up(law, scenario, monkeypatch):
+    law(command="while True: pass")
+    monkeypatch.setattr(foresight, "FOLLOW_S", 0.5)
+    found = foresee(scenario)
+    assert found.problem is None
+    assert found.warnings[-1] == (
+        "law 'odd' had not answered after 0.5 s when it was tried before the run"
+    )
+
+
+def test_a_law_that_is_never_there_is_given_up_and_it_is_said_where_it_is(
+    law, scenario, monkeypatch
+):
+    law(init="while True: pass")
+    monkeypatch.setattr(foresight, "GET_S", 8.0)
+    said = []
+    found = foresee(scenario, said.append)
+    assert said == ["the law takes its time; it is at odd_law.py:6"]
+    assert found.problem == "law 'odd' was not there after 8 s (it is at odd_law.py:6)"
