@@ -14,7 +14,6 @@ from rich.table import Table
 
 from formation.loading import ScenarioError
 from formation.scenario import Expect
-from lab import runs
 from lab.canvas import COLOURS, blank
 from lab.difference import first_difference
 from lab.keypaths import by_path, shown
@@ -22,7 +21,7 @@ from lab.links_table import output
 from lab.recorded import Recorded, Unreadable, read_whole
 from lab.recording import fresh_folder
 from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, ONE_FAILS, report_problems
-from lab.verdict import by_claim, error_series, tolerances_of
+from lab.verdict import by_claim, error_series, standing, tolerances_of
 
 MOST_RUNS = 2 * len(COLOURS)
 """How many runs can be told apart in the figure: by colour, and by dashes."""
@@ -74,7 +73,7 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
     names = _names([run.folder for run in found])
     verdicts = [run.verdict or {} for run in found]
     results = [
-        ("verdict", [runs.standing(v, None, running=False) for v in verdicts]),
+        ("verdict", [standing(v) for v in verdicts]),
         ("outcome", [v["outcome"]["kind"] for v in verdicts]),
         *((title, [_claim(unit, v["claims"].get(claim)) for v in verdicts])
           for claim, (title, unit) in CLAIM_TITLES.items()),

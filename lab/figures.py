@@ -14,6 +14,7 @@ from lab.lyapunov import Curve, equation, rises
 from lab.lyapunov import curve as lyapunov_curve
 from lab.recording import Collected, Trajectories
 from lab.verdict import by_claim, error_series, tolerances_of, window_s
+from plant.world import RUNAWAY
 
 MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
@@ -48,32 +49,39 @@ def draw(recording: Collected, folder: Path) -> None:
             figure.set_layout_engine("none")  # it is laid out now, which takes as long as drawing
 
 
-def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
+def before_runaway(trajectories: Trajectories) -> Trajectories:
+    """What is within sight: up to where a robot is faster than any is, or where all ends."""
+    fastest = np.abs(trajectories.states[..., 3:]).max(axis=(1, 2))
+    wild = np.flatnonzero(~(fastest < RUNAWAY))  # also where it is NaN
+    return trajectories.first(max(1, wild[0]) if len(wild) else len(fastest))
+
+
+def paths(scenario: Scenario, whole_run: Trajectories) -> Figure:
     """The whole paths, and the last tenth of the run beside the desired pattern."""
+    trajectories = before_runaway(whole_run)
     figure = blank(11.0, 5.2)
     whole, end = figure.subplots(1, 2)
     positions, offsets = trajectories.positions_m, scenario.offsets_m
     for i, robot in enumerate(scenario.ids):
         colour = COLOURS[i % len(COLOURS)]
-        xy = _finite(positions[:, i])
+        xy = positions[:, i]
         whole.plot(xy[:, 0], xy[:, 1], color=colour, lw=1.0, label=f"robot {robot}")
         whole.plot(*xy[0], "o", color=colour, mfc="white", ms=6)
         whole.plot(*xy[-1], "o", color=colour, ms=5)
-    whole.set_title("paths  (○ start, ● end)")
+    whole.set_title(f"paths  (○ start, ● end){_left_out(trajectories, whole_run)}")
     if len(scenario.ids) <= MOST_NAMED:
         whole.legend(loc="best", fontsize=8)
     order = around(offsets)
     _polygon(end, offsets[order], 6.0, "0.82", "desired pattern")
-    final = _finite(positions.reshape(len(positions), -1))[-1].reshape(-1, 2)
+    final = positions[-1]
     _polygon(end, final[order], 1.2, "0.15", "final positions")
     for i, robot in enumerate(scenario.ids):
         heading = trajectories.headings_rad[-1, i]
         colour = COLOURS[i % len(COLOURS)]
         end.plot(*final[i], "o", color=colour, ms=7)
         end.annotate(str(robot), final[i], xytext=(6, 6), textcoords="offset points")
-        if np.isfinite(heading):
-            end.quiver(*final[i], np.cos(heading), np.sin(heading), color=colour,
-                       width=0.006, scale=14)  # fmt: skip
+        end.quiver(*final[i], np.cos(heading), np.sin(heading), color=colour,
+                   width=0.006, scale=14)  # fmt: skip
     end.margins(0.18)
     end.set_title(f"t = {trajectories.t_s[-1]:g} s")
     end.legend(loc="best", fontsize=8)
@@ -84,12 +92,20 @@ def paths(scenario: Scenario, trajectories: Trajectories) -> Figure:
     return figure
 
 
-def thumbnail(scenario: Scenario, trajectories: Trajectories) -> Figure:
+def _left_out(shown: Trajectories, whole_run: Trajectories) -> str:
+    """Words for a title where a robot runs away."""
+    if len(shown.t_s) == len(whole_run.t_s):
+        return ""
+    return f"\nto t = {shown.t_s[-1]:g} s, before a robot runs away"
+
+
+def thumbnail(scenario: Scenario, whole_run: Trajectories) -> Figure:
     """The paths, and the robots at the end, small and without words."""
+    trajectories = before_runaway(whole_run)
     figure = blank(2.2, 2.0)
     axes = figure.subplots()
     for i in range(len(scenario.ids)):
-        xy, colour = _finite(trajectories.positions_m[:, i]), COLOURS[i % len(COLOURS)]
+        xy, colour = trajectories.positions_m[:, i], COLOURS[i % len(COLOURS)]
         axes.plot(xy[:, 0], xy[:, 1], color=colour, lw=1.0)
         axes.plot(*xy[-1], "o", color=colour, ms=4)
     axes.set_aspect("equal", adjustable="datalim")
@@ -97,16 +113,20 @@ def thumbnail(scenario: Scenario, trajectories: Trajectories) -> Figure:
     return figure
 
 
-def headings(scenario: Scenario, trajectories: Trajectories) -> Figure:
+def headings(scenario: Scenario, whole_run: Trajectories) -> Figure:
     """Headings over time, and their gap to the first robot's, where agreement shows."""
+    trajectories = before_runaway(whole_run)
+    mark = _mark_of(trajectories.t_s)
     figure = blank(*HALF_IN)
     upper, lower = figure.subplots(2, 1, sharex=True)
     reference = trajectories.headings_rad[:, 0]
     for i, robot in enumerate(scenario.ids):
         colour = COLOURS[i % len(COLOURS)]
         heading = trajectories.headings_rad[:, i]
-        upper.plot(trajectories.t_s, heading, color=colour, lw=1.2, label=f"robot {robot}")
-        lower.plot(trajectories.t_s, heading - reference, color=colour, lw=1.2)
+        upper.plot(trajectories.t_s, heading, mark, color=colour, lw=1.2, label=f"robot {robot}")
+        lower.plot(trajectories.t_s, heading - reference, mark, color=colour, lw=1.2)
+    if left_out := _left_out(trajectories, whole_run):
+        upper.set_title(left_out.strip(), fontsize=9)
     upper.set_ylabel("heading θ (rad)")
     lower.set_ylabel(f"θ − θ of robot {scenario.ids[0]} (rad)")
     lower.set_xlabel("t (s)")
@@ -125,11 +145,12 @@ def errors(recording: Collected) -> Figure:
     figure = blank(9.0, 4.6)
     axes = figure.subplots()
     tolerances = tolerances_of(scenario.expect or Expect())
+    mark = _mark_of(trajectories.t_s)
     for (claim, series), colour in zip(
         by_claim(error_series(scenario, trajectories, judged)).items(), COLOURS, strict=False
     ):
         axes.semilogy(
-            trajectories.t_s, np.maximum(series, 1e-16), color=colour, label=_LABELS[claim]
+            trajectories.t_s, np.maximum(series, 1e-16), mark, color=colour, label=_LABELS[claim]
         )
         axes.axhline(tolerances[claim], color=colour, ls=":", lw=1.0)
     end = trajectories.t_s[-1]
@@ -234,10 +255,9 @@ def graph(scenario: Scenario) -> Figure:
     return figure
 
 
-def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The leading rows that are finite; at least the first (a run starts finite)."""
-    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-    return rows[: bad[0]] if len(bad) and bad[0] > 0 else rows[: max(1, len(rows))]
+def _mark_of(t_s: NDArray[np.float64]) -> str:
+    """A line, or a point where there is but one instant."""
+    return "-" if len(t_s) > 1 else "o"
 
 
 def _polygon(

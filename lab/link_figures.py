@@ -50,7 +50,7 @@ def of(recording: Collected) -> dict[str, Figure]:
     by_link = dict(sorted(by_link.items()))
     return {
         "delays": delays(recording.scenario, by_link),
-        "deliveries": deliveries(recording.scenario, by_link),
+        "deliveries": deliveries(recording.scenario, by_link, _end_s(recording)),
     }
 
 
@@ -143,7 +143,15 @@ def _cut_short(text: str, longest: int = 75) -> str:
     return text if len(text) <= longest else text[: longest - 1] + "…"
 
 
-def deliveries(scenario: Scenario, by_link: dict[tuple[int, int], list[LinkRow]]) -> Figure:
+def _end_s(recording: Collected) -> float:
+    """When the run ended, as far as is known."""
+    ended_s = 0.0 if recording.outcome is None else recording.outcome.t_ns / 1e9
+    return ended_s or recording.scenario.duration_s
+
+
+def deliveries(
+    scenario: Scenario, by_link: dict[tuple[int, int], list[LinkRow]], end_s: float
+) -> Figure:
     """Every message of every link at the time of its sending: its delay, or how it was lost.
 
     Each link has a band, in which height is delay; the grey stretches are cuts.
@@ -163,9 +171,9 @@ def deliveries(scenario: Scenario, by_link: dict[tuple[int, int], list[LinkRow]]
                 height = 0.12 + 0.7 * (row.t_usable_ns - row.t_sent_ns) / 1e6 / highest_ms
             points.setdefault(row.fate, []).append((row.t_sent_ns / 1e9, height - band))
         for stretch in stretches(scenario, *link):
-            if stretch.is_cut:
+            if stretch.is_cut and stretch.begin_ns / 1e9 < end_s:
                 begin_s = stretch.begin_ns / 1e9
-                length_s = min(stretch.end_ns / 1e9, scenario.duration_s) - begin_s
+                length_s = min(stretch.end_ns / 1e9, end_s) - begin_s
                 axes.broken_barh([(begin_s, length_s)], (-band, 0.9), color="0.9", zorder=0)
         axes.axhline(-band, color="0.75", lw=0.6, zorder=0)
     for fate, colour in _FATES.items():
@@ -175,7 +183,7 @@ def deliveries(scenario: Scenario, by_link: dict[tuple[int, int], list[LinkRow]]
             axes.plot(xy[:, 0], xy[:, 1], marker, color=colour, ms=size, mew=0.6, rasterized=True)
     axes.set_yticks([-band for band in range(len(shown))], [f"{a}→{b}" for (a, b), _ in shown])
     axes.set_ylim(-len(shown) + 0.7, 1.0)
-    axes.set_xlim(0.0, scenario.duration_s)
+    axes.set_xlim(0.0, end_s)
     axes.set_xlabel("sent at t (s)")
     more = f"; the first {MOST_LINKS} of {len(by_link)} links" if len(by_link) > MOST_LINKS else ""
     axes.set_title(f"height in a band: delay, up to {highest_ms:.3g} ms{more}", fontsize=9)

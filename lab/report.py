@@ -18,7 +18,7 @@ from rich.markup import escape
 from formation.loading import ScenarioError, dumps
 from formation.record import Event
 from formation.theory import assess
-from lab import runs
+from lab import runs, verdict
 from lab.check import describe
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
@@ -33,6 +33,10 @@ MOST_RUNS = 300
 _MOST_LETTERS = 400
 """How much of what an event tells is shown."""
 _MARK = '<meta name="generator" content="formnet">'
+_ENDED = {
+    "diverged": "diverged", "interrupted": "was interrupted", "lost": "ended", "failed": "failed",
+    "broken": "broke",
+}  # fmt: skip
 _ERRORS = {
     "formation": "formation_error_m", "heading": "heading_error_rad",
     "centroid": "centroid_error_m",
@@ -147,6 +151,7 @@ def page(run: Recorded) -> str:
         began=run.walls[0] if run.walls else None, in_runs=_in_runs(run.folder),
         sections=_sections(run, [item.name for item in pictures]), pictures=pictures,
         first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
+        window_s=None if judged is None else _window_s(judged),
         lost_share=_lost_share(judged), most_links=MOST_LINKS,
         in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
         theory=[line.strip() for line in describe(assess(scenario))],
@@ -207,26 +212,22 @@ def _headline(run: Recorded, standing: str) -> str:
             return "It was ended from outside: nothing says how, and nothing was judged."
         return f"It was not judged. {run.outcome.reason}".strip()
     outcome = judged["outcome"]
-    if standing == runs.HOLDS:
+    if standing == verdict.HOLDS:
         held = [CLAIM_TITLES[name][0] for name, c in judged["claims"].items() if c["holds"]]
         also = ", and it diverged as expected" if outcome["kind"] == "diverged" else ""
         return f"Every claim holds: {', '.join(held)}{also}."
-    if standing == runs.FAILS:
+    if standing in (verdict.FAILS, verdict.NOT_JUDGED):
         said = "; ".join(_failing(judged))
         return f"{said[0].upper()}{said[1:]}."
-    if standing == runs.OBSERVED:
+    if standing == verdict.OBSERVED:
         seen = [CLAIM_TITLES[name][0] for name, c in judged["claims"].items() if c["observed"]]
         return f"Nothing was claimed. Observed: {', '.join(seen) or 'none of the equations'}."
-    who = "" if outcome["robot"] is None else f"robot {outcome['robot']}: "
-    return f"At t = {outcome['t_s']:.3f} s. {who}{outcome['reason']}".strip()
+    who = "" if outcome["robot"] is None else f"robot {outcome['robot']}, "
+    reason = outcome["reason"].rstrip(".") or "nothing says why"
+    return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s: {who}{reason}."
 
 
 def _failing(judged: Mapping[str, Any]) -> Iterator[str]:
-    outcome = judged["outcome"]
-    if outcome["kind"] == "diverged":
-        who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
-        yield f"the run diverged at t = {outcome['t_s']:.3f} s:{who} {outcome['reason']}"
-        return
     for name, claim in judged["claims"].items():
         if claim["expected"] is None or claim["holds"]:
             continue
@@ -239,7 +240,7 @@ def _failing(judged: Mapping[str, Any]) -> Iterator[str]:
             yield f"{title} does not hold"
         else:
             largest, tolerance = claim["largest_in_window"], claim["tolerance"]
-            when = "" if name == "lyapunov" else f" in the last {judged['window_s']:g} s"
+            when = "" if name == "lyapunov" else f" in the last {_window_s(judged):g} s"
             yield (f"{title} does not hold: {largest:.2g} {unit}{when}, "
                    f"tolerance {tolerance:g} {unit}")  # fmt: skip
 
@@ -250,16 +251,14 @@ def _notes(run: Recorded) -> Iterator[str]:
     judged = run.verdict
     if judged is None:
         return
-    if down := judged["robots"]["down_at_the_end"]:
+    if not judged["robots"]["judged"]:
+        yield "Nobody is judged: every robot was down at the end."
+    elif down := judged["robots"]["down_at_the_end"]:
         yield f"Judged without robot {', '.join(map(str, down))}, down at the end."
     for lost in judged["robots"]["lost"]:
         yield f"Robot {lost['robot']} was lost at t = {lost['t_s']:.3f} s: {lost['reason']}"
-    rising = judged["lyapunov"]
-    if rising is not None and rising["rises"]:
-        first = rising["rises"][0]
-        yield (f"V (Eq. {rising['equation']}) rises {len(rising['rises'])} time(s), first "
-               f"from {first['begin_s']:.2f} to {first['end_s']:.2f} s: "
-               f"{'; '.join(first['causes'])}")  # fmt: skip
+    if (rises := verdict.rises_in_words(judged)) is not None:
+        yield rises
     refused = sum(item["times"] for item in judged["messages"]["rejected"])
     if refused:
         yield f"{refused} message(s) were refused; see below."
@@ -269,6 +268,11 @@ def _notes(run: Recorded) -> Iterator[str]:
         yield ("What fails was still falling at the end: it may need a longer run "
                "(--set duration_s=…).")  # fmt: skip
     yield from judged.get("warnings", assess(run.scenario).warnings)  # not in older runs
+
+
+def _window_s(judged: Mapping[str, Any]) -> float:
+    """The stretch that was judged: a run may have been shorter."""
+    return float(min(judged["window_s"], judged["simulated_s"]))
 
 
 def _falling(judged: Mapping[str, Any]) -> bool:

@@ -146,9 +146,10 @@ def _conclude(
     judged = verdict.of(recording, **how)
     verdict.save(judged, recording.folder)
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
-    output().print(links_table(rows, "all are in verdict.json"))
-    output().print(_table(judged))
-    _summarise(console, recording, judged)
+    page = output()
+    page.print(links_table(rows, "all are in verdict.json"))
+    page.print(_table(judged))
+    _summarise(page, recording, judged)
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
             from lab import figures
@@ -218,22 +219,20 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
             f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} "
             + escape(outcome["reason"]), soft_wrap=True,
         )  # fmt: skip
-    rises = judged["lyapunov"]["rises"] if judged["lyapunov"] is not None else []
-    if rises:
-        first = rises[0]
-        console.print(
-            f"V (Eq. {judged['lyapunov']['equation']}) rises {len(rises)} time(s), first from "
-            f"{first['begin_s']:.2f} to {first['end_s']:.2f} s: "
-            + escape("; ".join(first["causes"])),
-            soft_wrap=True,
-        )
+    if outcome["kind"] == "diverged":
+        for warning in judged["warnings"]:
+            console.print(f"[yellow]it was warned:[/] {escape(warning)}", soft_wrap=True)
+    if (rises := verdict.rises_in_words(judged)) is not None:
+        console.print(escape(rises), soft_wrap=True)
     robots = judged["robots"]
     for lost in robots["lost"]:
         console.print(
             f"[red]lost[/] at t = {lost['t_s']:.3f} s: robot {lost['robot']}: "
-            + escape(lost["reason"])
-        )
-    if robots["down_at_the_end"]:
+            + escape(lost["reason"]), soft_wrap=True,
+        )  # fmt: skip
+    if not robots["judged"]:
+        console.print("nobody is judged: every robot was down at the end")
+    elif robots["down_at_the_end"]:
         console.print(
             f"judged without robot {', '.join(map(str, robots['down_at_the_end']))}, "
             "which was down at the end"
@@ -258,16 +257,22 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
         + f"({times(factor)} real time)"
     )
     console.print(f"sha256 of the trajectories: {judged['trajectory_sha256'][:16]}…")
-    if outcome["kind"] == "completed":
+    if outcome["kind"] in ("completed", "diverged"):
         console.print(_in_a_word(judged))
 
 
 def _in_a_word(judged: dict[str, Any]) -> str:
-    claimed = {name: c for name, c in judged["claims"].items() if c["expected"] is not None}
-    if not claimed:
+    how = verdict.standing(judged)
+    if how == verdict.HOLDS:
+        return "[green]every claim holds[/]"
+    if how == verdict.OBSERVED:
         return "nothing was claimed"
-    failing = [CLAIM_TITLES[name][0] for name, claim in claimed.items() if not claim["holds"]]
-    return f"[red]FAILS:[/] {', '.join(failing)}" if failing else "[green]every claim holds[/]"
+    claims = verdict.claimed(judged)
+    titles = {
+        word: [CLAIM_TITLES[name][0] for name, holds in claims.items() if holds is value]
+        for word, value in ((verdict.FAILS, False), (verdict.NOT_JUDGED, None))
+    }
+    return "; ".join(f"[red]{word}:[/] {', '.join(some)}" for word, some in titles.items() if some)
 
 
 def times(factor: float) -> str:

@@ -17,9 +17,10 @@ from lab.links_table import output
 from lab.recorded import Unreadable, event_lines, read_verdict
 from lab.recording import being_written
 from lab.run import ALL_HOLD, BAD_INPUT
+from lab.verdict import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 
-HOLDS, FAILS, OBSERVED, RUNNING, NO_END = "holds", "FAILS", "observed", "running", "did not end"
-BAD = {FAILS, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
+RUNNING, NO_END = "running", "did not end"
+BAD = {FAILS, NOT_JUDGED, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
 """The standings in which something is wrong."""
 _STYLES = {HOLDS: "green", RUNNING: "cyan", OBSERVED: "dim", "interrupted": "yellow"}
 
@@ -121,12 +122,7 @@ def standing(judged: Mapping[str, Any] | None, outcome: Outcome | None, *, runni
     """How a run stands in a word: as it was judged, or else how it ended."""
     if judged is None:
         return RUNNING if running else NO_END if outcome is None else outcome.kind
-    kind = judged["outcome"]["kind"]
-    if kind not in ("completed", "diverged"):
-        return str(kind)
-    if all(claim["expected"] is None for claim in judged["claims"].values()):
-        return OBSERVED if kind == "completed" else str(kind)
-    return HOLDS if verdict.passed(judged) else FAILS
+    return verdict.standing(judged)
 
 
 def _run(folder: Path) -> Entry:
@@ -138,14 +134,10 @@ def _run(folder: Path) -> Entry:
         how = standing(None, None, running=running) if missing else "unreadable"
         return Entry(folder, "run" if missing else "broken", folder.name, when, how, {},
                      note="" if running else str(error))  # fmt: skip
-    claims = {
-        name: claim["holds"] for name, claim in judged["claims"].items()
-        if claim["expected"] is not None
-    }  # fmt: skip
     return Entry(
-        folder, "run", str(judged["scenario"]), when, standing(judged, None, running=running),
-        claims, judged["settling_time_s"], judged["outcome"]["t_s"], str(judged["mode"]),
-        str(judged["trajectory_sha256"]),
+        folder, "run", str(judged["scenario"]), when, verdict.standing(judged),
+        verdict.claimed(judged), judged["settling_time_s"], judged["outcome"]["t_s"],
+        str(judged["mode"]), str(judged["trajectory_sha256"]),
     )  # fmt: skip
 
 
@@ -180,18 +172,19 @@ def _changed(place: Path) -> str:
 
 def _table(entries: list[Entry]) -> Table:
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column in ("when", "name", "standing", "claims"):
-        table.add_column(column, no_wrap=column in ("when", "standing"))
+    table.add_column("folder", overflow="fold", no_wrap=not output().is_terminal)
+    table.add_column("standing", no_wrap=True)
+    table.add_column("claims")
     for column in ("settled", "simulated"):
         table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("folder", overflow="fold")
+    table.add_column("begun", no_wrap=True)
     for entry in entries:
         style = _STYLES.get(entry.standing, "red")
         said = entry.note or in_words(entry.claims)
         table.add_row(
-            entry.when[:16].replace("T", " "), escape(entry.name),
-            f"[{style}]{escape(entry.standing)}[/]", escape(said), _seconds(entry.settled_s),
-            _seconds(entry.simulated_s), escape(entry.folder.name),
+            escape(entry.folder.name), f"[{style}]{escape(entry.standing)}[/]", escape(said),
+            _seconds(entry.settled_s), _seconds(entry.simulated_s),
+            entry.when[:16].replace("T", " "),
         )  # fmt: skip
     return table
 

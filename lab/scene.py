@@ -320,6 +320,7 @@ class _Traffic:
         self._window_ns = max(shortest, nanoseconds(scenario.duration_s) // windows)
         self._ended_ns = 0  # up to where it is drawn
         self._rows: dict[tuple[int, int], list[LinkRow]] = {link: [] for link in self._links}
+        self._next: dict[tuple[int, int], int] = {}  # the first stretch that is not drawn
         for source, destination in self._links:
             for what in ("delay", "loss"):
                 _label(stream, f"links/{what}/{source}-{destination}", f"{source}→{destination}")
@@ -347,22 +348,20 @@ class _Traffic:
             np.nan if row.t_usable_ns is None or row.fate.startswith("lost")
             else (row.t_usable_ns - row.t_sent_ns) / 1e6 for row in rows
         ])  # fmt: skip
-        found, index = np.unique(window, return_inverse=True)
-        ends = (found + 1) * self._window_ns
-        share = np.bincount(index, weights=lost) / np.bincount(index)
-        arrived = np.isfinite(delay_ms)
-        number = np.bincount(index[arrived], minlength=len(found))
-        total = np.bincount(index[arrived], weights=delay_ms[arrived], minlength=len(found))
-        some = number > 0
-        name = f"{link[0]}-{link[1]}"
-        if some.any():
-            mean = total[some] / number[some]
-            self._stream.send_columns(
-                f"links/delay/{name}", times(ends[some]), rr.Scalars.columns(scalars=mean)
+        first = min(self._next.get(link, window.min()), window.min())
+        count = window.max() - first + 1
+        self._next[link] = first + count
+        index, arrived = window - first, np.isfinite(delay_ms)
+        name, ends = f"{link[0]}-{link[1]}", (np.arange(first, first + count) + 1) * self._window_ns
+        with np.errstate(invalid="ignore"):  # 0 / 0 is NaN, where the line has a gap
+            mean_ms = np.bincount(index[arrived], delay_ms[arrived], minlength=count) / np.bincount(
+                index[arrived], minlength=count
             )
-        self._stream.send_columns(
-            f"links/loss/{name}", times(ends), rr.Scalars.columns(scalars=100.0 * share)
-        )
+            share = np.bincount(index, lost) / np.bincount(index)
+        for what, values in (("delay", mean_ms), ("loss", 100.0 * share)):
+            self._stream.send_columns(
+                f"links/{what}/{name}", times(ends), rr.Scalars.columns(scalars=values)
+            )
 
 
 def _decided_ns(row: LinkRow) -> int:

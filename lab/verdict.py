@@ -19,6 +19,9 @@ from lab.recording import Collected, Trajectories, trajectory_sha256
 from netem.statistics import Fate, summarise
 from netem.tables import nanoseconds
 
+HOLDS, FAILS, NOT_JUDGED, OBSERVED = "holds", "FAILS", "not judged", "observed"
+"""How a run stands that completed (or that diverged as it should): see :func:`standing`."""
+
 
 def of(
     recording: Collected, *, mode: str, wall_s: float, warnings: Sequence[str] = ()
@@ -107,9 +110,35 @@ def save(verdict: Mapping[str, Any], folder: Path) -> None:
     (folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
 
 
+def claimed(verdict: Mapping[str, Any]) -> dict[str, bool | None]:
+    """The claims that ``[expect]`` makes, and whether each holds (None: not judged)."""
+    return {
+        name: claim["holds"]
+        for name, claim in verdict["claims"].items()
+        if claim["expected"] is not None
+    }
+
+
+def standing(verdict: Mapping[str, Any]) -> str:
+    """How a run stands in a word: whether what was claimed holds, or else how the run ended.
+
+    OBSERVED: it completed, and nothing was claimed.
+    """
+    kind = str(verdict["outcome"]["kind"])
+    holds = claimed(verdict).values()
+    if kind not in ("completed", "diverged"):
+        return kind
+    if holds and all(holds):
+        return HOLDS
+    if kind == "diverged":
+        return kind
+    return OBSERVED if not holds else FAILS if False in holds else NOT_JUDGED
+
+
 def passed(verdict: Mapping[str, Any]) -> bool:
-    """Whether every claim that ``[expect]`` makes holds; one that cannot be judged does not."""
-    return all(c["expected"] is None or c["holds"] for c in verdict["claims"].values())
+    """Whether all that was claimed holds or, without claims, the run completed with every robot."""
+    how = standing(verdict)
+    return how == HOLDS or (how == OBSERVED and not verdict["robots"]["lost"])
 
 
 def error_series(
@@ -117,12 +146,12 @@ def error_series(
 ) -> Errors:
     """The three errors at every recorded instant, each (n_samples,).
 
-    They are those of ``robots`` (ids; None: of all); zero if that is nobody.
+    They are those of ``robots`` (ids; None: of all); NaN if that is nobody.
     """
     kept = [k for k, robot in enumerate(scenario.ids) if robots is None or robot in robots]
     if not len(trajectories.t_s) or not kept:
-        empty = np.zeros(len(trajectories.t_s))
-        return Errors(empty, empty, empty)
+        unknown = np.full(len(trajectories.t_s), np.nan)
+        return Errors(unknown, unknown, unknown)
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
         return errors(
             trajectories.positions_m[:, kept],
@@ -201,6 +230,22 @@ def _lyapunov(recording: Collected) -> dict[str, Any] | None:
             for rise in lyapunov.rises(recording, found)
         ],
     }  # fmt: skip
+
+
+def rises_in_words(verdict: Mapping[str, Any]) -> str | None:
+    """When V rose first and, in a run that diverged, last, and why; None where it did not."""
+    rising = verdict["lyapunov"]
+    if rising is None or not rising["rises"]:
+        return None
+    rises = rising["rises"]
+    told = {"first": rises[0]}
+    if verdict["outcome"]["kind"] == "diverged" and len(rises) > 1:
+        told["last"] = rises[-1]
+    words = [
+        f"{which} from {rise['begin_s']:.2f} to {rise['end_s']:.2f} s: {'; '.join(rise['causes'])}"
+        for which, rise in told.items()
+    ]
+    return f"V (Eq. {rising['equation']}) rises {len(rises)} time(s), {', and '.join(words)}"
 
 
 def _lyapunov_claim(

@@ -240,7 +240,7 @@ def test_an_interrupted_run_has_a_page_and_gets_its_figures_with_report(copy):
     shutil.rmtree(copy / "figures")
     assert report.leave(copy) is None
     page = Page(copy / "report.html")
-    assert "section5-delay interrupted At t = 0.200 s. Ctrl-C" in page.text
+    assert "section5-delay interrupted The run was interrupted at t = 0.200 s: Ctrl-C." in page.text
     assert "There are no figures yet" in page.text
     (copy / "links.parquet").unlink()
     assert formnet("report", copy)[0] == 0
@@ -279,8 +279,8 @@ def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
     assert "10 message(s) were still on their way at the end" in said
     page = Page(out / "report.html")
     assert (
-        "section5-delay FAILS The run diverged at t = 0.001 s: robot 1: its command, or the state "
-        "it leads to, is not finite." in page.text
+        "section5-delay diverged The run diverged at t = 0.001 s: robot 1, it runs away, at "
+        "-1.4e+05 m/s and 4.7e+04 rad/s." in page.text
     )
     (warning,) = json.loads((out / "verdict.json").read_text())["warnings"]
     assert "Try smaller gains, or a larger law.length_scale_m" in warning
@@ -357,11 +357,11 @@ def test_the_index_never_takes_the_place_of_another_page(copy):
         ("completed", False, False, "FAILS"),
         ("completed", None, None, "observed"),
         ("diverged", False, True, "holds"),
-        ("diverged", True, False, "FAILS"),
+        ("diverged", True, False, "diverged"),
         ("diverged", None, None, "diverged"),
         ("interrupted", True, None, "interrupted"),
         ("failed", True, None, "failed"),
-        ("completed", True, None, "FAILS"),
+        ("completed", True, None, "not judged"),
     ],
 )
 def test_standing(kind, expected, holds, word):

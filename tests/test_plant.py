@@ -1,6 +1,7 @@
 """The plant against SciPy's DOP853, conservation laws, and the paper's Properties 1-4."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -272,3 +273,14 @@ def test_world_reports_divergence_of_the_first_robot_whatever_the_order(paper, b
     assert world.finished
     assert world.diverged == (0, 2, NOT_FINITE)
     assert len(world.take_samples()) == 5
+
+
+def test_who_runs_away_is_to_blame_not_who_hears_of_it(paper):
+    world = World(paper("section5", "duration_s=0.01"))
+    for robot in world.ids:
+        world.on_drive(Drive(robot, 0, 9e7 if robot == 4 else 0.0, 0.0))
+    for robot in world.ids:
+        world.on_drive(Drive(robot, 1, math.nan if robot == 2 else 0.0, 0.0))
+    at_ns, robot, reason = world.diverged
+    assert (at_ns, robot) == (10**6, 4)
+    assert re.fullmatch(r"it runs away, at \S+ m/s and \S+ rad/s", reason)

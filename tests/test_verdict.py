@@ -55,6 +55,8 @@ def trial(folder, scenario, series, kind="completed", **changes):
     return judge(recorded(folder, scenario, samples, kind, **changes))
 
 
+KILL_ALL = 'timeline=[{action="kill", at_s=1.0, robots="*"}]'
+
 # --- settling -------------------------------------------------------------------------
 
 TOLERANCES = {"formation": 1.0, "heading": 0.5, "centroid": 2.0}
@@ -235,6 +237,27 @@ def test_claim_that_is_not_made_is_not_judged(tmp_path, paper):
     assert judged["claims"]["heading"]["holds"] is True
     assert judged["settling_time_s"] == 40.0
     assert verdict.passed(judged)
+
+
+def test_nobody_up_at_the_end_means_nothing_judged(tmp_path, paper):
+    judged = trial(tmp_path / "run", paper("theorem4", KILL_ALL), [(40 * S, {})])
+    assert {claim["observed"] for claim in judged["claims"].values()} == {None}
+    assert {claim["largest_in_window"] for claim in judged["claims"].values()} == {None}
+    assert (judged["settling_time_s"], judged["formation_error_m"]) == (None, None)
+    assert verdict.standing(judged) == verdict.NOT_JUDGED
+    assert not verdict.passed(judged)
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost", "passes"),
+    [("completed", [], True), ("completed", [3], False), ("diverged", [], False)],
+)
+def test_without_claims_a_run_passes_that_completes_with_everybody(kind, lost, passes):
+    judged = {
+        "outcome": {"kind": kind}, "robots": {"lost": lost},
+        "claims": {"x": {"expected": None, "holds": None}},
+    }  # fmt: skip
+    assert verdict.passed(judged) is passes
 
 
 # --- runs that did not complete -------------------------------------------------------
