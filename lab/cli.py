@@ -15,6 +15,18 @@ from lab.build import install, stale
 from lab.completion import run_folders, toml_files
 
 
+class Whole(click.IntRange):
+    """A whole number within bounds; errors call it that."""
+
+    name = "whole number"
+
+
+class Number(click.FloatRange):
+    """A number within bounds; errors call it that."""
+
+    name = "number"
+
+
 def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
     from lab.scenarios import find
 
@@ -42,7 +54,7 @@ INLINE_RUNS = click.option(
     "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
 )
 JOBS = click.option(
-    "--jobs", type=click.IntRange(1), help="Inline runs at once  [default: one for each core]"
+    "--jobs", type=Whole(1), help="Inline runs at once  [default: one for each core]"
 )
 OVERRIDE = click.option(
     "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
@@ -63,7 +75,7 @@ PLAINTEXT = click.option(
 LEASE = click.option(
     "--lease",
     "lease_s",
-    type=click.FloatRange(0.1, 3600.0),
+    type=Number(0.1, 3600.0),
     default=3600.0,
     show_default=True,
     metavar="SECONDS",
@@ -92,7 +104,22 @@ SECTIONS = {
 """The commands as --help shows them."""
 
 
+class _Command(click.Command):
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if error.possibilities or all(p.name != "overrides" for p in self.params):
+                raise
+            hint = "What stands in a scenario is set by --set, e.g. --set clock.mode=realtime."
+            raise click.NoSuchOption(
+                error.option_name, f"{error.message} {hint}", ctx=error.ctx
+            ) from None
+
+
 class _Commands(click.Group):
+    command_class = _Command
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         column = max(map(len, self.commands))
         for title, names in SECTIONS.items():
@@ -161,8 +188,9 @@ def run(
 
     SCENARIO is a file, the name of one of `formnet scenarios`, or the folder of a run.
 
-    Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged; 2: bad
-    scenario or usage; 3: the run itself broke; 130: interrupted.
+    Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged, or there is
+    none and the run diverged or lost a robot; 2: bad scenario or usage; 3: the run itself broke;
+    130: interrupted.
     """
     if inline and (hosts or router or keys or plaintext):
         raise click.UsageError(
@@ -243,7 +271,7 @@ def monitor(
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=Number(0.01, 1000.0),
     default=1.0,
     show_default=True,
     help="How many simulated seconds a second.",
@@ -281,7 +309,7 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 @click.argument("name")
 @click.option(
     "--robots",
-    type=click.IntRange(2, 1000),
+    type=Whole(2, 1000),
     metavar="N",
     help="How many.  [default: 5, or as many as FILE has places for]",
 )
@@ -309,13 +337,13 @@ def check(scenario: Path, overrides: tuple[str, ...]) -> None:
 @click.option(
     "--spacing",
     "spacing_m",
-    type=click.FloatRange(0.01, 1e4),
+    type=Number(0.01, 1e4),
     metavar="M",
     help="Between neighbours in the pattern, in metres; not with FILE  [default: 1.0]",
 )
 @click.option(
     "--seed",
-    type=click.IntRange(0),
+    type=Whole(0),
     default=1,
     show_default=True,
     help="Draws starts, random graphs, and what links do.",
@@ -520,10 +548,10 @@ def claims(
 @main.command()
 @SCENARIO
 @OVERRIDE
-@click.option("--runs", type=click.IntRange(1), default=20, show_default=True, help="How many.")
+@click.option("--runs", type=Whole(1), default=20, show_default=True, help="How many.")
 @click.option(
     "--seed",
-    type=click.IntRange(0),
+    type=Whole(0),
     default=1,
     show_default=True,
     help="Seed of the first run; each next one has the next.",
@@ -537,7 +565,7 @@ def claims(
 @click.option(
     "--limit",
     "limit_s",
-    type=click.FloatRange(1.0),
+    type=Number(1.0),
     default=600.0,
     show_default=True,
     metavar="SECONDS",
@@ -598,7 +626,7 @@ def keys() -> None:
     metavar="NAMES",
     help="Names and addresses at which the plant is reached, e.g. lab-pc,192.168.1.10.",
 )
-@click.option("--days", type=click.IntRange(1, 3650), default=365, show_default=True)
+@click.option("--days", type=Whole(1, 3650), default=365, show_default=True)
 def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
     """Make an authority and a certificate for the plant, a monitor and every robot.
 
@@ -732,7 +760,7 @@ def agent(
 @click.option(
     "--start-patience",
     "start_patience_s",
-    type=click.FloatRange(1.0),
+    type=Number(1.0),
     metavar="SECONDS",
     help="End the run if no robot gets further for so long before the first tick  [default: wait]",
 )

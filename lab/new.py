@@ -125,8 +125,10 @@ def _offsets(wish: Wish) -> list[Pair]:
         ]
     path = Path(wish.pattern)
     if not path.suffix and not path.exists():
-        hint = nearest(wish.pattern, PATTERNS) or f" ({', '.join(PATTERNS)})"
-        raise CannotWrite(f"--pattern {wish.pattern}: neither a pattern nor a file{hint}")
+        hint = nearest(wish.pattern, PATTERNS)
+        raise CannotWrite(
+            f"--pattern {wish.pattern}: neither a pattern ({', '.join(PATTERNS)}) nor a file{hint}"
+        )
     if wish.spacing_m is not None:
         raise CannotWrite("--spacing: the places of a file have their own")
     try:
@@ -221,8 +223,8 @@ def _values(wish: Wish, offsets: list[Pair], edges: list[Edge]) -> dict[str, Any
 def _network(preset: str) -> tuple[float, str]:
     """The delay of half of the messages (s), and the table ``[network.default]``."""
     if preset not in PRESETS:
-        hint = nearest(preset, PRESETS) or f" ({', '.join(PRESETS)})"
-        raise CannotWrite(f"--network {preset}: no such preset{hint}")
+        hint = nearest(preset, PRESETS)
+        raise CannotWrite(f"--network {preset}: no such preset ({', '.join(PRESETS)}){hint}")
     delay_s = LinkSettings.model_validate({"preset": preset}).delay.quantile_s(0.5)
     comment = "  # every message arrives, at once" if preset == "ideal" else ""
     return delay_s, f'preset = "{preset}"{comment}'

@@ -222,9 +222,9 @@ def _headline(run: Recorded, standing: str) -> str:
     if standing == verdict.OBSERVED:
         seen = [CLAIM_TITLES[name][0] for name, c in judged["claims"].items() if c["observed"]]
         return f"Nothing was claimed. Observed: {', '.join(seen) or 'none of the equations'}."
-    who = "" if outcome["robot"] is None else f"robot {outcome['robot']}, "
+    who = "" if outcome["robot"] is None else f", robot {outcome['robot']}"
     reason = outcome["reason"].rstrip(".") or "nothing says why"
-    return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s: {who}{reason}."
+    return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s{who}: {reason}."
 
 
 def _failing(judged: Mapping[str, Any]) -> Iterator[str]:

@@ -70,8 +70,23 @@ def _problem(model: type[BaseModel], data: Any, loc: Place, kind: str, item: Any
         return Problem(place, shown(value), _unknown_key(model, loc))
     template = _RULES.get(kind)
     rule = item["msg"] if template is None else template.format(**context)
+    if kind == "float_type":
+        rule += _unit(place)
     expected = next((context[key] for key in ("expected", "expected_tags") if key in context), "")
     return Problem(place, shown(value), rule + nearest(str(value), re.findall("'(.*?)'", expected)))
+
+
+_UNITS = {
+    "_s": "seconds", "_m": "metres", "_rad": "radians", "_radps": "radians a second",
+    "_mps": "metres a second", "_kg": "kilograms", "_kgm2": "kg m²", "_nm": "N m", "_n": "newtons",
+}  # fmt: skip
+
+
+def _unit(place: str) -> str:
+    """Of what a number is, where the key says it in its last part."""
+    _, mark, ending = place.rpartition("_")
+    unit = _UNITS.get(mark + ending)
+    return f", of {unit}" if unit else ""
 
 
 def _place(data: Any, loc: Place) -> Place:
@@ -87,12 +102,14 @@ def _place(data: Any, loc: Place) -> Place:
 
 def _unknown_key(model: type[BaseModel], loc: Place) -> str:
     known = sorted(_keys_at(model, loc[:-1]))
+    if loc[-1] in ("from", "to") and "links" in known:  # as [[network.links]] has them
+        return "unknown key; here it is links = [[from, to], ...]"
     return f"unknown key{nearest(str(loc[-1]), known) or '; valid keys here: ' + ', '.join(known)}"
 
 
 def nearest(name: str, known: typing.Iterable[str]) -> str:
     """``; did you mean 'x'?``, or nothing if nothing is near."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

@@ -6,29 +6,35 @@ goes wrong.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import zenoh
 
 from formation.messages import (
+    HELLO,
     PROTOCOL,
     Ask,
     Begin,
     Brief,
     Drive,
+    Envelope,
     Join,
+    Links,
     Measured,
     Message,
+    MessageError,
     Ready,
     Timing,
     encode,
 )
-from formation.record import Event, Outcome, Samples, Stir, Streamed
+from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formation.scenario import Scenario
 from formation.sync import Spread
 from netem.wallclock import wake_punctually
 from plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
 from plant.timed import TimedWorld
+from plant.witness import Witness
 
 _REPORT_S = 0.1
 _MOST_AHEAD = 10
@@ -56,6 +62,12 @@ class RealtimePlant(Host):
         self._timings: dict[int, Timing] = {}
         self._worst_s: dict[int, float] = {}  # each robot's greatest uncertainty of time
         self._paused: set[int] = set()
+        self._witness = Witness()
+        self._witnessed: set[int] = set()  # whose broadcasts are listened to
+        self._dead: set[int] = set()  # killed or lost, and not restarted
+        for happening in scenario.roster().happenings():
+            if happening.verb == "kill":
+                self._watch(happening.robots)
 
     def _t_ns(self) -> int:
         if not self._origin_ns:
@@ -103,6 +115,11 @@ class RealtimePlant(Host):
         self._sink(Event(verb, self._t_ns(), {"robots": robots}))
         if verb in ("kill", "restart"):
             self._joined.difference_update(robots)
+        if verb == "kill":
+            self._dead.update(robots)
+        elif verb == "restart":
+            self._bury(robots)
+            self._dead.difference_update(robots)
         if verb == "pause":
             self._paused.update(robots)
         else:
@@ -128,6 +145,10 @@ class RealtimePlant(Host):
                 self._tell(message.robot, Begin(self._t_ns()))
         elif isinstance(message, Timing):
             self._note(message)
+        elif isinstance(message, Links):
+            with self._lock:
+                self._witness.told(message.rows)
+            super()._handle(message)
         elif isinstance(message, Vanished) and not self._world.up(message.robot, self._t_ns()):
             pass  # killed, as planned
         else:
@@ -161,6 +182,8 @@ class RealtimePlant(Host):
         with self._lock:
             tick = self._world.lose(robot, t_ns)
         self._joined.discard(robot)
+        self._dead.add(robot)
+        self._watch([robot])
         self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": tick}))
 
     def _wind_up(self) -> None:
@@ -171,9 +194,33 @@ class RealtimePlant(Host):
         with self._lock:
             samples = self._world.take_samples()
         self._sink(Samples(samples))
+        self._bury(self._dead - self._connected)  # others may still be heard of
+
+    def _watch(self, robots: Iterable[int]) -> None:
+        """Count what is sent to ``robots``."""
+        for robot in robots:
+            neighbours = self._scenario.neighbours_of[robot]
+            with self._lock:
+                self._witness.watch(robot, neighbours)
+            self._subscriptions += [
+                self._session.declare_subscriber(
+                    self._keys.broadcast(source), partial(self._on_broadcast, source)
+                )
+                for source in neighbours
+                if source not in self._witnessed
+            ]
+            self._witnessed.update(neighbours)
+
+    def _bury(self, robots: Iterable[int]) -> None:
+        """Report the messages of which ``robots`` tell no more."""
+        with self._lock:
+            rows = [row for robot in robots for row in self._witness.lost_with(robot)]
+        if rows:
+            self._sink(LinkRows(rows))
 
     def _last_words(self) -> None:
-        """How well time was kept."""
+        """What nobody has told of, and how well time was kept."""
+        self._bury(self._scenario.ids)
         robots = {}
         for robot, timing in sorted(self._timings.items()):
             robots[str(robot)] = {
@@ -206,6 +253,16 @@ class RealtimePlant(Host):
                 self._on_drive(robot, message, now_ns)
         else:
             self._pass_on(robot, message)
+
+    def _on_broadcast(self, source: int, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        try:
+            note = Envelope.unpack(b"" if attachment is None else attachment.to_bytes())
+        except MessageError:
+            return  # its receivers refuse it
+        if note.tick != HELLO and note.robot == source:
+            with self._lock:
+                self._witness.sent(source, note.sequence, note.tick)
 
     def _on_ask(self, robot: int, ask: Ask, now_ns: int) -> None:
         if not self._running or not self._world.up(robot, now_ns):

@@ -279,7 +279,7 @@ def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
     assert "10 message(s) were still on their way at the end" in said
     page = Page(out / "report.html")
     assert (
-        "section5-delay diverged The run diverged at t = 0.001 s: robot 1, it runs away, at "
+        "section5-delay diverged The run diverged at t = 0.001 s, robot 1: it runs away, at "
         "-1.4e+05 m/s and 4.7e+04 rad/s." in page.text
     )
     (warning,) = json.loads((out / "verdict.json").read_text())["warnings"]

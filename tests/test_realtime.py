@@ -352,6 +352,12 @@ def test_robots_that_fail_in_real_time(start):
     heard = pq.read_table(run.out / "links.parquet").to_pylist()
     last = max(row["t_sent_ns"] for row in heard if row["source"] == 2)
     assert last > 7e9  # the restarted one is heard again
+    to_dead = [row for row in heard if (row["source"], row["destination"]) == (1, 2)]
+    numbers = sorted(row["sequence"] for row in to_dead)
+    assert numbers == list(range(len(numbers)))  # each message once, whoever could tell of it
+    assert {row["fate"] for row in to_dead if 1.1e9 < row["t_sent_ns"] < 1.9e9} == {
+        "lost: receiver down"
+    }
     assert not [e for e in run.events() if e["event"] == "silent at the end"]
 
 

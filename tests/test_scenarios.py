@@ -32,6 +32,8 @@ BAD = {
     "missing key": ('name = "section5-delay"', "", "name: is required"),
     "missing in a robot": ("offset_m = [4.0, 0.0]\n", "", "robots[4].offset_m: is required (robot 5)"),
     "text for a number": ("beta = 10.0", 'beta = "ten"', "law.beta = 'ten': must be a number"),
+    "text for seconds": ("duration_s = 40.0", 'duration_s = "50ms"',
+                         "duration_s = '50ms': must be a number, of seconds"),
     "number for a text": ('name = "section5-delay"', "name = 5", "name = 5: must be a string"),
     "truth for a number": ("gamma = 0.1", "gamma = true", "law.gamma = true: must be a number"),
     "fraction for an id": ("id = 5", "id = 5.5", "robots[4].id = 5.5: must be a whole number (robot 5.5)"),
@@ -209,6 +211,17 @@ def test_check_warns_of_broken_assumptions():
     assert "warning: Assumption 1" in result.output
     assert "{1, 2}, {3, 4}, {5}" in result.output
     assert "warning: Assumption 2" in result.output
+
+
+@pytest.mark.parametrize("command", ["run", "check", "nemesis"])
+def test_an_option_that_is_a_key_of_scenarios_is_told_how(command):
+    result = CliRunner().invoke(main, [command, "yard", "--mode", "realtime"])
+    assert result.exit_code == 2
+    said = "No such option '--mode'. What stands in a scenario is set by --set, e.g. --set clock."
+    assert said in result.output
+    near = CliRunner().invoke(main, [command, "yard", "--sett", "seed=1"]).output
+    assert "Did you mean" in near
+    assert "What stands" not in near
 
 
 @pytest.mark.parametrize("command", ["run", "check"])

@@ -329,6 +329,7 @@ BAD = [
     ('action = "network"\nloss.model = "random"\nloss.probability = 1.5', r"timeline\[0\].loss.probability = 1.5: must be at most 1"),
     ('action = "network"\npreset = "wlan"', r"preset = 'wlan': must be one of 'ideal'"),
     ('action = "network"\ndeley.mean_s = 1.0', r"timeline\[0\].deley = .*did you mean 'delay'"),
+    ('action = "cut"\nfrom = 1', r"timeline\[0\].from = 1: unknown key; here it is links = \[\[from, to\]"),
     ('action = "ramp"\nparameter = "loss.rate"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is no number"),
     ('action = "ramp"\nparameter = "delay.low_s"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].delay.low_s = 1.0: unknown key"),
     ('action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 1.5\nduration_s = 1.0', r"timeline\[0\].loss.probability = 1.5: must be at most 1"),
