@@ -26,7 +26,7 @@ def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) 
     few = len(scenario.directed_links) <= _MOST_NAMED
     legend = rrb.PlotLegend(visible=few)
     each = "" if few else "; point at a line to see its link"
-    corner = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)  # errors fall
+    corner = rrb.PlotLegend(corner=rrb.Corner2D.LeftBottom)  # errors fall; new is on the right
     centre = _centre(_known(scenario))
     trail = rrb.VisibleTimeRange(
         "sim_time", start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),

@@ -246,6 +246,10 @@ class Scene:
             self._say(t_ns, wall_ns, "network", {"what": what})
 
     def _say(self, t_ns: int, wall_ns: int, kind: str, details: dict[str, Any]) -> None:
+        if kind == "timing":  # robots by name, each with a table
+            robots = details["robots"].values()
+            missed, periods = (sum(own[key] for own in robots) for key in ("missed", "periods"))
+            details = {"what": f"{missed} of {periods} periods missed (verdict.json has all)"}
         words = "; ".join(
             value if name in ("what", "reason") else f"{name} {value}"
             for name, value in details.items() if value not in ("", None)
