@@ -194,10 +194,11 @@ def _summarise(
         failed = [seed for seed, finding in sorted(done.items()) if finding.problems]
         kinds = Counter(e.action["action"] for trial in tried_seeds for e in trial.episodes)
         twice = sum(trial.twice for trial in tried_seeds)
+        compared = f"; {twice} of them run twice and compared" if twice else ""
         told = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         console.print(
             f"{len(tried_seeds)} runs, seeds {tried_seeds[0].seed} to {tried_seeds[-1].seed} "
-            f"({told}); {twice} of them run twice and compared: "
+            f"({told}){compared}: "
             + (f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}" if failed
                else "[green]all terminate, are consistent and recover[/]"), soft_wrap=True,
         )  # fmt: skip
