@@ -41,7 +41,8 @@ LOOKS = 400
 LOOKS_BACK = 4000
 """... unless it is followed to where robots return."""
 MOST_S = 3.0
-"""A law that takes its time is not followed for longer before a run, in wall time."""
+"""A law that takes its time is not followed for longer before a run, in wall time, nor are
+gentler gains looked for."""
 STEPS = 5
 """Steps from one look to the next."""
 
@@ -140,13 +141,14 @@ def _softer(scenario: Scenario) -> Iterator[str]:
         return
     known = assess(scenario).warnings
     period_s = scenario.clock.control_period_s
+    until_s = time.monotonic() + MOST_S
     for gain, factor, tries in (("beta", 0.75, 10), ("gamma", 0.3, 4)):
         value = getattr(scenario.law, gain)
         for _ in range(tries):
             value = _two_digits(factor * value)
             law = scenario.law.model_copy(update={gain: value})
             changed = scenario.model_copy(update={"law": law})
-            if assess(changed).warnings != known:
+            if assess(changed).warnings != known or time.monotonic() > until_s:
                 break
             if period_s <= MARGIN * longest_period_s(course(changed, MOST_S)):
                 yield f"law.{gain} <= {value:g}"

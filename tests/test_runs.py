@@ -503,7 +503,7 @@ def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
         "plug-in", "law.kind=broken", "duration_s=2.0", "run.patience_s=1.0", "expect={}",
         env=install_law(tmp_path, body),
     )  # fmt: skip
-    assert run.wait() == 0
+    assert run.wait() == 1  # nothing was claimed, but a robot is lost
     said = " ".join(run.output().split())
     assert "had not answered after 10 s (it is at broken_law.py:5) when it was tried" in said
     assert "lost at t = 0.100 s: robot 4: did not answer for 1 s" in said
