@@ -168,7 +168,7 @@ class Scene:
         ).partition(sizes))  # fmt: skip
         if count <= _MOST_LABELS:
             send("field/names", times, rr.Points2D.columns(
-                positions=(drawn + np.array([0.0, 0.02 * self._size])).reshape(-1, 2),
+                positions=(drawn + self._size * _aside(drawn)).reshape(-1, 2),
             ).partition(sizes))  # fmt: skip
         vectors = np.stack([np.cos(headings), -np.sin(headings)], axis=-1) * 0.05 * self._size
         send("field/headings", times, rr.Arrows2D.columns(
@@ -366,6 +366,18 @@ class _Traffic:
             self._stream.send_columns(
                 f"links/{what}/{name}", times(ends), rr.Scalars.columns(scalars=values)
             )
+
+
+def _aside(places: Array) -> Array:
+    """From each place to that of its label, away from the middle, where fewer links are.
+
+    (n, robots, 2), in sizes of the field; Rerun draws a label below its point.
+    """
+    away = places - places.mean(axis=1, keepdims=True)
+    length = np.linalg.norm(away, axis=-1, keepdims=True)
+    outwards = np.divide(away, length, out=np.zeros_like(away), where=length > 0.0)
+    aside: Array = 0.035 * outwards - np.array([0.0, 0.015])
+    return aside
 
 
 def _decided_ns(row: LinkRow) -> int:
