@@ -262,12 +262,12 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
 
 
 def _in_a_word(judged: dict[str, Any]) -> str:
-    how = verdict.standing(judged)
-    if how == verdict.HOLDS:
-        return "[green]every claim holds[/]"
-    if how == verdict.OBSERVED:
-        return "nothing was claimed"
     claims = verdict.claimed(judged)
+    if not claims:
+        trouble = "" if verdict.passed(judged) else ", but not all went well"
+        return f"nothing was claimed{trouble}"
+    if verdict.standing(judged) == verdict.HOLDS:
+        return "[green]every claim holds[/]"
     titles = {
         word: [CLAIM_TITLES[name][0] for name, holds in claims.items() if holds is value]
         for word, value in ((verdict.FAILS, False), (verdict.NOT_JUDGED, None))

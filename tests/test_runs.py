@@ -507,6 +507,7 @@ def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
     said = " ".join(run.output().split())
     assert "had not answered after 10 s (it is at broken_law.py:5) when it was tried" in said
     assert "lost at t = 0.100 s: robot 4: did not answer for 1 s" in said
+    assert "nothing was claimed, but not all went well" in said
 
 
 def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tmp_path):
