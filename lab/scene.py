@@ -373,9 +373,10 @@ def _aside(places: Array) -> Array:
 
     (n, robots, 2), in sizes of the field; Rerun draws a label below its point.
     """
-    away = places - places.mean(axis=1, keepdims=True)
-    length = np.linalg.norm(away, axis=-1, keepdims=True)
-    outwards = np.divide(away, length, out=np.zeros_like(away), where=length > 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging run overflows
+        away = places - places.mean(axis=1, keepdims=True)
+        length = np.linalg.norm(away, axis=-1, keepdims=True)
+        outwards = np.divide(away, length, out=np.zeros_like(away), where=length > 0.0)
     aside: Array = 0.035 * outwards - np.array([0.0, 0.015])
     return aside
 
