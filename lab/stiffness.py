@@ -43,6 +43,8 @@ LOOKS_BACK = 4000
 MOST_S = 3.0
 """A law that takes its time is not followed for longer before a run, in wall time, nor are
 gentler gains looked for."""
+_TRIES = {"beta": (0.75, 10), "gamma": (0.3, 4)}
+"""By which factor a gain is made smaller, and how often."""
 STEPS = 5
 """Steps from one look to the next."""
 
@@ -100,23 +102,25 @@ def _sampling(scenario: Scenario) -> Iterator[str]:
         advice = [f"control_period_s <= {suggested_s:g}"]
     else:
         advice = ["smaller gains", "a larger law.length_scale_m"]
-    advice += _softer(scenario)
+    back = _back(scenario, way)
+    advice += _softer(scenario, ("beta",) if back is None else ("gamma", "beta"))
+    when = "from these starts"
+    if back is not None:
+        robots, at_s = " and ".join(map(str, back.robots)), back.tick * period_s
+        when = f"after the {back.verb} of robot {robots} at {at_s:g} s"
     yield (
-        f"clock.control_period_s = {period_s:g}: too long for these gains; {_when(scenario, way)} "
+        f"clock.control_period_s = {period_s:g}: too long for these gains; {when} "
         f"the closed loop is as fast as {LIMIT / longest_s:.3g} 1/s, so commands held for more "
         f"than about {longest_s:.2g} s chatter or diverge. Try {', or '.join(advice)}"
     )
 
 
-def _when(scenario: Scenario, way: Course) -> str:
-    """Words for when the loop is fastest."""
-    fastest = max(way, key=lambda look: look.rate)
+def _back(scenario: Scenario, way: Course) -> Happening | None:
+    """The return of a robot after which the loop is fastest; None if that is before any."""
+    fastest_s = max(way, key=lambda look: look.rate).at_s
     period_s = scenario.clock.control_period_s
-    back = [back for back in returns(scenario) if back.tick * period_s <= fastest.at_s]
-    if not back:
-        return "from these starts"
-    robots = " and ".join(map(str, back[-1].robots))
-    return f"after the {back[-1].verb} of robot {robots} at {back[-1].tick * period_s:g} s"
+    back = [some for some in returns(scenario) if some.tick * period_s <= fastest_s]
+    return back[-1] if back else None
 
 
 def returns(scenario: Scenario) -> list[Happening]:
@@ -135,15 +139,16 @@ def _part_of(broadcast_period_s: float, longest_s: float) -> float:
     return broadcast_period_s / min(k * tens for k in (1, 2, 4, 5, 8, 10) if k * tens >= parts)
 
 
-def _softer(scenario: Scenario) -> Iterator[str]:
-    """The largest β and γ (two digits) that go well with the period, where one does, unharmed."""
+def _softer(scenario: Scenario, gains: tuple[str, ...]) -> Iterator[str]:
+    """The largest of each of ``gains`` (two digits) that goes well with the period, if one does."""
     if scenario.law.kind != "cooperative":
         return
     known = assess(scenario).warnings
     period_s = scenario.clock.control_period_s
     until_s = time.monotonic() + MOST_S
-    for gain, factor, tries in (("beta", 0.75, 10), ("gamma", 0.3, 4)):
+    for gain in gains:
         value = getattr(scenario.law, gain)
+        factor, tries = _TRIES[gain]
         for _ in range(tries):
             value = _two_digits(factor * value)
             law = scenario.law.model_copy(update={gain: value})

@@ -122,7 +122,8 @@ def fleet(*changes):
     return loads(text, overrides=["law.gamma=0.1", "duration_s=40.0", RETURN, *changes])
 
 
-def test_a_robot_that_comes_back_late_is_looked_at(root):
+def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
+    monkeypatch.setattr(stiffness, "MOST_S", 60.0)  # however busy the machine is
     said = [warning for warning in warnings(fleet()) if "too long" in warning]
     assert "after the restart of robot 3 at 25 s the closed loop is as fast as" in said[0]
     advice = said[0].partition("Try ")[2]

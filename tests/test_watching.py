@@ -176,10 +176,14 @@ def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     file = out / "run.rrd"
-    until(lambda: file.exists() and file.stat().st_size > 100_000)  # the second piece is in it
+
+    def frames():
+        return len(columns(file, "/field/robots", "Points2D:positions"))
+
+    until(lambda: file.exists() and file.stat().st_size > 100_000 and frames() > 10)
     run.kill()
     run.wait()
-    assert len(columns(file, "/field/robots", "Points2D:positions")) > 10
+    assert frames() > 10
     code, said = formnet("monitor", out)
     assert code == 2, said  # live.json is there still, the run is not
     assert "cannot reach" in said
