@@ -651,15 +651,15 @@ def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
 @main.command()
 def laws() -> None:
     """List the control laws that law.kind can name."""
-    from agent.law import UnknownLaw, installed, load
+    from agent.law import installed
+    from lab.foresight import unusable
 
     for name, entry in installed().items():
         source = f"  ({entry.dist.name} {entry.dist.version})" if entry.dist else ""
         click.echo(f"{name:20} {entry.value}{source}")
-        try:
-            load(name)
-        except UnknownLaw as error:
-            click.echo(f"{'':20} {error}")
+        problem = unusable(name)
+        if problem is not None:
+            click.echo(f"{'':20} {problem}")
 
 
 @main.command()

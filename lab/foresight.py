@@ -9,9 +9,9 @@ import signal
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from agent.law import accepts, foreign
+from agent.law import UnknownLaw, accepts, foreign, load
 from formation.process import die_with_parent
 from formation.scenario import Scenario
 from formation.theory import assess
@@ -19,6 +19,8 @@ from lab import stiffness, stuck
 
 GET_S = 60.0
 """How long a law may take to be imported and built, in wall time."""
+IMPORT_S = 10.0
+"""How long :func:`unusable` waits."""
 FOLLOW_S = stiffness.MOST_S + 7.0
 """How long the way in is followed with it, at most."""
 
@@ -34,75 +36,105 @@ class Foresight(NamedTuple):
 
 def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
     """Try the law of a valid scenario; ``say`` takes where it is, if it takes long."""
-    if foreign(scenario.law.kind):
-        return _Trial(scenario, say).outcome()
-    problem = accepts(scenario)
-    return Foresight(problem, [] if problem else stiffness.warnings(scenario))
+    kind = scenario.law.kind
+    if not foreign(kind):
+        problem = accepts(scenario)
+        return Foresight(problem, [] if problem else stiffness.warnings(scenario))
+    with _Trial(_try, scenario, say) as trial:
+        problem = _first(trial, kind, GET_S)
+        if problem is not None:
+            return Foresight(problem, [])
+        try:
+            return Foresight(None, trial.next(FOLLOW_S))
+        except TimeoutError:
+            fear = f"had not answered after {FOLLOW_S:g} s{trial.where}"
+        except EOFError:
+            fear = trial.ended()
+    fears = [f"law {kind!r} {fear} when it was tried before the run"]
+    return Foresight(None, [*assess(scenario).warnings, *fears])
+
+
+def unusable(kind: str) -> str | None:
+    """Why the law called ``kind``, which is installed, cannot be imported; None if it can."""
+    if not foreign(kind):
+        return None
+    with _Trial(_import, kind) as trial:
+        return _first(trial, kind, IMPORT_S)
 
 
 class _Trial:
-    """One process that gets a law and then follows the way in with it."""
+    """A process in which ``work`` does something with ``subject`` and sends what it finds."""
 
-    def __init__(self, scenario: Scenario, say: Say) -> None:
-        self._scenario, self._say = scenario, say
-        self._where = ""
-
-    def outcome(self) -> Foresight:
+    def __init__(
+        self, work: Callable[[Any, Connection], None], subject: object, say: Say = lambda _: None
+    ) -> None:
         context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe(duplex=False)
-        child = context.Process(target=_try, args=(self._scenario, there))
-        child.start()
+        self._here, there = context.Pipe(duplex=False)
+        self._say = say
+        self._child = context.Process(target=_alone, args=(work, subject, there))
+        self._child.start()
         there.close()
-        name = f"law {self._scenario.law.kind!r}"
-        try:
-            try:
-                problem = self._next(here, GET_S)
-            except TimeoutError:
-                return Foresight(f"{name} was not there after {GET_S:g} s{self._where}", [])
-            except EOFError:
-                child.join()
-                how = _ended(child.exitcode)
-                return Foresight(f"{name} {how} when it was imported and built", [])
-            if problem:
-                return Foresight(problem[0], [])
-            try:
-                return Foresight(None, self._next(here, FOLLOW_S))
-            except TimeoutError:
-                fear = f"had not answered after {FOLLOW_S:g} s{self._where}"
-            except EOFError:
-                child.join()
-                fear = _ended(child.exitcode)
-            fears = [f"{name} {fear} when it was tried before the run"]
-            return Foresight(None, [*assess(self._scenario).warnings, *fears])
-        finally:
-            child.kill()
-            child.join()
-            here.close()
+        self.where = ""
+        """Where the law is, in words that follow others, if that is known."""
 
-    def _next(self, connection: Connection, limit_s: float) -> list[str]:
-        """What the process has found out next. Raises TimeoutError, or EOFError if it is gone."""
+    def __enter__(self) -> "_Trial":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._child.kill()
+        self._child.join()
+        self._here.close()
+
+    def next(self, limit_s: float) -> list[str]:
+        """What it has found out next. Raises TimeoutError, or EOFError if it is gone."""
         until_s = time.monotonic() + limit_s
-        while connection.poll(max(0.0, until_s - time.monotonic())):
-            found = connection.recv()
+        while self._here.poll(max(0.0, until_s - time.monotonic())):
+            found = self._here.recv()
             if isinstance(found, list):
                 return found
-            self._where = f" (it is at {found})"
+            self.where = f" (it is at {found})"
             self._say(f"the law takes its time; it is at {found}")
         raise TimeoutError
 
+    def ended(self) -> str:
+        """How it has, in words about the law."""
+        self._child.join()
+        code = self._child.exitcode
+        if code is not None and code < 0:
+            return f"brought its process down (signal {-code})"
+        return f"ended its process (exit code {code})"
 
-def _ended(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"brought its process down (signal {-code})"
-    return f"ended its process (exit code {code})"
+
+def _first(trial: _Trial, kind: str, limit_s: float) -> str | None:
+    """Why the law cannot be had, which is what a trial finds out first."""
+    try:
+        problem = trial.next(limit_s)
+    except TimeoutError:
+        return f"law {kind!r} was not there after {limit_s:g} s{trial.where}"
+    except EOFError:
+        return f"law {kind!r} {trial.ended()} when it was imported and built"
+    return problem[0] if problem else None
 
 
-def _try(scenario: Scenario, found: Connection) -> None:
-    """In the process: send the problem, if there is one, as a list; then the warnings."""
+def _alone(work: Callable[[Any, Connection], None], subject: object, found: Connection) -> None:
+    """In the process: ``work``, and where it is stuck, if it is."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     with stuck.told(found.send):
-        problem = accepts(scenario)
-        found.send([] if problem is None else [problem])
-        if problem is None:
-            found.send(stiffness.warnings(scenario))
+        work(subject, found)
+
+
+def _try(scenario: Scenario, found: Connection) -> None:
+    """Send the problem, if there is one, as a list; then the warnings."""
+    problem = accepts(scenario)
+    found.send([] if problem is None else [problem])
+    if problem is None:
+        found.send(stiffness.warnings(scenario))
+
+
+def _import(kind: str, found: Connection) -> None:
+    try:
+        load(kind)
+        found.send([])
+    except UnknownLaw as error:
+        found.send([str(error)])

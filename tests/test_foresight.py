@@ -3,11 +3,13 @@
 import sys
 
 import pytest
+from click.testing import CliRunner
 from plugin import install
 
 from agent.law import installed
 from formation.loading import load
 from lab import foresight
+from lab.cli import main
 from lab.foresight import foresee
 
 LAW = """\
@@ -109,3 +111,27 @@ def test_a_law_that_is_never_there_is_given_up_and_it_is_said_where_it_is(
     found = foresee(scenario, said.append)
     assert said == ["the law takes its time; it is at odd_law.py:6"]
     assert found.problem == "law 'odd' was not there after 8 s (it is at odd_law.py:6)"
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("while True: pass", "law 'odd' was not there after 1 s"),
+        ("1 / 0", "(odd_law:Law) cannot be imported: ZeroDivisionError"),
+        ("os._exit(3)", "law 'odd' ended its process (exit code 3)"),
+        ("", None),
+    ],
+)
+def test_the_list_of_laws_says_which_cannot_be_imported(law, monkeypatch, head, words):
+    law(head=head)
+    if words is not None and "after" in words:
+        monkeypatch.setattr(foresight, "IMPORT_S", 1.0)
+    result = CliRunner().invoke(main, ["laws"])
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert [line.split()[0] for line in lines if line[0] != " "] == [
+        "cooperative", "leader_follower", "odd"
+    ]  # fmt: skip
+    problems = [line.strip() for line in lines if line[0] == " "]
+    assert len(problems) == (words is not None)
+    assert words is None or words in problems[0]
