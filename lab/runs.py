@@ -33,7 +33,7 @@ class Entry(NamedTuple):
 
     ``kind`` is ``run``, ``claims``, ``nemesis`` or ``broken``; ``when`` local time, ISO 8601;
     ``claims`` what was expected, and whether it holds (None: not judged); ``note`` says what
-    there is to say of a folder that is no whole run.
+    there is to say of a folder that is no whole run, or which robots were lost.
     """
 
     folder: Path
@@ -137,8 +137,13 @@ def _run(folder: Path) -> Entry:
     return Entry(
         folder, "run", str(judged["scenario"]), when, verdict.standing(judged),
         verdict.claimed(judged), judged["settling_time_s"], judged["outcome"]["t_s"],
-        str(judged["mode"]), str(judged["trajectory_sha256"]),
+        str(judged["mode"]), str(judged["trajectory_sha256"]), _lost(judged),
     )  # fmt: skip
+
+
+def _lost(judged: Mapping[str, Any]) -> str:
+    robots = [str(item["robot"]) for item in judged["robots"]["lost"]]
+    return f"lost robot {', '.join(robots)}" if robots else ""
 
 
 def _claims(folder: Path, found: Any, when: str) -> Entry:
@@ -180,7 +185,7 @@ def _table(entries: list[Entry]) -> Table:
     table.add_column("begun", no_wrap=True)
     for entry in entries:
         style = _STYLES.get(entry.standing, "red")
-        said = entry.note or in_words(entry.claims)
+        said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
         table.add_row(
             escape(entry.folder.name), f"[{style}]{escape(entry.standing)}[/]", escape(said),
             _seconds(entry.settled_s), _seconds(entry.simulated_s),

@@ -320,6 +320,15 @@ def test_list_tells_every_kind_of_folder(copy, recorded):
     assert found["claims-x"]["note"] == "1 of 2 claims as predicted (claims.md)"
 
 
+def test_who_was_lost_is_listed(copy):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["robots"]["lost"] = [{"robot": 3, "t_s": 0.2, "reason": "x", "tick": 20}]
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    said = "FAILS: formation, heading, centroid; lost robot 3"
+    assert said in " ".join(formnet("list", copy.parent)[1].split())
+    assert said in Page(copy.parent / "index.html").text
+
+
 def test_the_newest_run_comes_first(copy, tmp_path):
     older = Path(shutil.copytree(copy, tmp_path / "runs" / "a-older"))
     text = (older / "events.jsonl").read_text()
