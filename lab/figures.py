@@ -57,7 +57,7 @@ def before_runaway(trajectories: Trajectories) -> Trajectories:
 
 
 def paths(scenario: Scenario, whole_run: Trajectories) -> Figure:
-    """The whole paths, and the last tenth of the run beside the desired pattern."""
+    """The whole paths, and where the robots end beside the desired pattern."""
     trajectories = before_runaway(whole_run)
     figure = blank(11.0, 5.2)
     whole, end = figure.subplots(1, 2)

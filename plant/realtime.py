@@ -146,8 +146,9 @@ class RealtimePlant(Host):
         elif isinstance(message, Timing):
             self._note(message)
         elif isinstance(message, Links):
+            own = [row for row in message.rows if row.destination == message.robot]
             with self._lock:
-                self._witness.told(message.rows)
+                self._witness.told(own)  # others' are refused
             super()._handle(message)
         elif isinstance(message, Vanished) and not self._world.up(message.robot, self._t_ns()):
             pass  # killed, as planned
