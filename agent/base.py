@@ -56,6 +56,7 @@ class RobotBase:
     def __init__(self, scenario: Scenario, robot: int, run: str, law: Law, first_tick: int) -> None:
         self.robot = robot
         self.run = run
+        self._law = law
         self._command: Callable[..., Any] = law.command  # a plug-in may return anything
         self._roster: Roster = scenario.roster()
         self.neighbours = scenario.neighbours_of[robot]
@@ -144,7 +145,7 @@ class RobotBase:
                 command = pair(command)
             return make(Drive, (self.robot, number, command[0], command[1]))
         except RAISED as error:
-            failed = failure(self.robot, error)
+            failed = failure(self.robot, error, self._law)
             failed.__cause__ = error  # mypyc leaves out what ``raise ... from`` says
             raise failed  # noqa: B904
 

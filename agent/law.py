@@ -14,6 +14,7 @@ entry points and name it in a scenario::
 The built-in law is registered in the same way.
 """
 
+import importlib
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,7 +27,10 @@ from formation.messages import Stamped, State
 from formation.scenario import LawSettings, Scenario, Vehicle
 from netem.problems import nearest
 
-_CALLERS = {Path(__file__).resolve().parents[1] / name for name in ("agent", "lab")}
+_CALLERS = {
+    *(Path(__file__).resolve().parents[1] / name for name in ("agent", "lab")),
+    Path(importlib.__file__).parent,
+}
 """Where laws are called from."""
 
 GROUP = "formnet.laws"
@@ -106,20 +110,35 @@ class LawFailed(RuntimeError):
         self.robot = robot
 
 
-RAISED = (Exception, SystemExit)
-"""What a law may raise; Ctrl-C is none of its business."""
+RAISED = (Exception, SystemExit, KeyboardInterrupt)
+"""What a law may raise. Ctrl-C is none of its business: where laws run, it raises none of these."""
 
 
-def failure(robot: int, error: BaseException) -> LawFailed:
-    """``error``, which came out of a law, with the law's own line."""
+def failure(robot: int, error: BaseException, law: object = None) -> LawFailed:
+    """``error``, which came of a law, with the law's own line, or where ``law`` is defined."""
+    return LawFailed(robot, f"{_words(error)}{_line(error) or _begins(law)}")
+
+
+def _words(error: BaseException) -> str:
+    kind, text = type(error).__name__, str(error)
+    return f"{kind}: {text}" if text else kind
+
+
+def _line(error: BaseException) -> str:
+    """Where ``error`` left what somebody else has written, to follow other words."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_absolute() and Path(frame.filename).parent not in _CALLERS
+        if Path(frame.filename).is_absolute() and _CALLERS.isdisjoint(Path(frame.filename).parents)
     ]  # of compiled modules the names are relative
     own = [frame for frame in frames if frame.filename == frames[0].filename]
-    where = f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
-    return LawFailed(robot, f"{type(error).__name__}: {error}{where}")
+    return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
+
+
+def _begins(law: object) -> str:
+    """Where ``command`` of ``law`` begins, as :func:`_line` does; empty if it is compiled."""
+    code = getattr(getattr(law, "command", None), "__code__", None)
+    return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
 
 
 LawFactory = Callable[[Situation], Law]
@@ -156,7 +175,7 @@ def load(kind: str) -> LawFactory:
     except RAISED as error:
         raise UnknownLaw(
             f"law {kind!r} ({entries[kind].value}) cannot be imported: "
-            f"{type(error).__name__}: {error}"
+            f"{_words(error)}{_line(error)}"
         ) from error
     return factory
 
@@ -223,6 +242,8 @@ def accepts(scenario: Scenario) -> str | None:
     for robot in scenario.ids:
         try:
             factory(situation(scenario, robot))
+        except ValueError as error:
+            return f"law {scenario.law.kind!r} refuses robot {robot}: {error}{_line(error)}"
         except RAISED as error:
-            return f"law {scenario.law.kind!r} refuses robot {robot}: {error}"
+            return f"law {scenario.law.kind!r} fails for robot {robot}: {failure(robot, error)}"
     return None

@@ -19,8 +19,9 @@ from benchmarks.plan import Plan
 from benchmarks.scenarios import section5
 from benchmarks.table import BenchmarkError, Row, Target
 from formation.scenario import Scenario
-from lab.launch import GRACE_S, LocalChild, end
+from lab.launch import LocalChild, end
 from lab.rrd import RunFile
+from lab.signals import GRACE_S
 
 BOUND = Target("<=", 1.1)
 

@@ -7,7 +7,7 @@ from formation.record import Outcome, Sink
 from lab import inline as one_process
 from lab.launch import HERE, Begun, Launch, Place
 from lab.recording import Recording
-from lab.signals import again_raises
+from netem.timeline import NEVER
 
 
 def execute(
@@ -19,13 +19,15 @@ def execute(
     inline: bool,
     place: Place = HERE,
     begun: Begun = lambda *_: None,
+    until_ns: int = NEVER,
 ) -> Outcome:
     """Run ``recording.scenario``, records going to ``sink``; ``stopped`` ends it early.
 
     ``sink`` passes them on to ``recording``. ``refresh`` is called now and then. The logs of a
     distributed run's processes are put into the recording's folder, and that of a law that raised
     in an inline one; ``place`` says where processes are, and ``begun`` is told where they meet
-    before the robots are started.
+    before the robots are started. From ``until_ns`` on nothing is
+    needed any more.
 
     Raises:
         HostUnreachable: a robot's host cannot be reached.
@@ -36,7 +38,7 @@ def execute(
         launch = Launch(
             folder / "scenario.toml", scenario, name, sink, folder / "logs", place, begun
         )
-        return launch.wait(stopped, refresh)
+        return launch.wait(lambda: stopped() or recording.now_ns() >= until_ns, refresh)
 
     def asked() -> bool:
         refresh()
@@ -46,5 +48,4 @@ def execute(
         (folder / "logs").mkdir(exist_ok=True)
         (folder / "logs" / f"robot-{robot}.log").write_text(text, encoding="utf-8")
 
-    with again_raises(stopped):
-        return one_process.run(scenario, name, sink, asked, log)
+    return one_process.run(scenario, name, sink, asked, log, until_ns)

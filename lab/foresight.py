@@ -5,7 +5,9 @@ never come back or end its process; so that is tried in a process of its own, fo
 """
 
 import multiprocessing
+import os
 import signal
+import sys
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -54,6 +56,14 @@ def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
     return Foresight(None, [*assess(scenario).warnings, *fears])
 
 
+def obstacle(scenario: Scenario, say: Say = lambda _: None) -> str | None:
+    """Why the law of a valid scenario cannot be had, or None; ``say`` as for :func:`foresee`."""
+    if not foreign(scenario.law.kind):
+        return accepts(scenario)
+    with _Trial(_build, scenario, say) as trial:
+        return _first(trial, scenario.law.kind, GET_S)
+
+
 def unusable(kind: str) -> str | None:
     """Why the law called ``kind``, which is installed, cannot be imported; None if it can."""
     if not foreign(kind):
@@ -66,7 +76,7 @@ class _Trial:
     """A process in which ``work`` does something with ``subject`` and sends what it finds."""
 
     def __init__(
-        self, work: Callable[[Any, Connection], None], subject: object, say: Say = lambda _: None
+        self, work: Callable[[Any, Connection], Any], subject: object, say: Say = lambda _: None
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self._here, there = context.Pipe(duplex=False)
@@ -116,20 +126,25 @@ def _first(trial: _Trial, kind: str, limit_s: float) -> str | None:
     return problem[0] if problem else None
 
 
-def _alone(work: Callable[[Any, Connection], None], subject: object, found: Connection) -> None:
+def _alone(work: Callable[[Any, Connection], Any], subject: object, found: Connection) -> None:
     """In the process: ``work``, and where it is stuck, if it is."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (laws may print; in the run, they are heard)
     with stuck.told(found.send):
         work(subject, found)
 
 
 def _try(scenario: Scenario, found: Connection) -> None:
     """Send the problem, if there is one, as a list; then the warnings."""
+    if _build(scenario, found):
+        found.send(stiffness.warnings(scenario))
+
+
+def _build(scenario: Scenario, found: Connection) -> bool:
     problem = accepts(scenario)
     found.send([] if problem is None else [problem])
-    if problem is None:
-        found.send(stiffness.warnings(scenario))
+    return problem is None
 
 
 def _import(kind: str, found: Connection) -> None:

@@ -14,7 +14,9 @@ from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario
 from lab import stuck
+from lab.signals import Stop, insisted
 from netem.link import IN_FLIGHT, LOST_DOWN
+from netem.timeline import NEVER
 from plant.world import World
 
 _FLUSH_TICKS = 100
@@ -26,15 +28,17 @@ def run(
     sink: Sink,
     stopped: Callable[[], bool] = lambda: False,
     log: Callable[[int, str], None] = lambda *_: None,
+    until_ns: int = NEVER,
 ) -> Outcome:
     """Run ``scenario`` as ``name``, reporting to ``sink``; ``stopped`` is asked now and then.
 
-    ``log`` takes the number of a robot whose law raised, and the traceback. KeyboardInterrupt
-    ends the run like ``stopped``, in the middle of a law that does not come back.
+    ``log`` takes the number of a robot whose law raised, and the traceback. A signal to end
+    ends the run in the middle of a law that does not come back, too. What is at ``until_ns`` is
+    not run any more.
     """
     run = _Run(scenario, name, sink)
-    with stuck.told(run.complain, run.tick):
-        return run.until_the_end(stopped, log)
+    with stuck.told(run.complain, run.tick), insisted(lambda: run.at_work > 0):
+        return run.until_the_end(stopped, log, until_ns)
 
 
 class _Run:
@@ -42,7 +46,8 @@ class _Run:
         self._scenario, self._name, self._sink = scenario, name, sink
         self._world = World(scenario)
         self._robots: dict[int, Robot] = {}  # those that have a process, or would have one
-        self._at_work = 0  # the robot that is
+        self.at_work = 0
+        """The robot that computes."""
 
     def tick(self) -> int:
         """How far it is."""
@@ -50,11 +55,11 @@ class _Run:
 
     def complain(self, where: str) -> None:
         """Say on whom the run waits, as a plant does, and where its law is."""
-        details = {"for": f"answer (it is at {where})", "robots": [self._at_work]}
+        details = {"for": f"answer (it is at {where})", "robots": [self.at_work]}
         self._sink(Event("waiting", self._world.t_ns, details))
 
     def until_the_end(
-        self, stopped: Callable[[], bool], log: Callable[[int, str], None]
+        self, stopped: Callable[[], bool], log: Callable[[int, str], None], until_ns: int
     ) -> Outcome:
         """Run to the end, or to where it must end."""
         world = self._world
@@ -62,7 +67,7 @@ class _Run:
             for robot in self._scenario.ids:
                 self._start(robot)
             self._sink(Event("started", 0, {"robots": self._scenario.ids}))
-            while not world.finished:
+            while not world.finished and world.t_ns < until_ns:
                 if world.happenings:
                     self._happen()
                 if not world.up:
@@ -76,14 +81,16 @@ class _Run:
         except LawFailed as error:
             log(error.robot, "".join(traceback.format_exception(error.__cause__)))
             return self._finish("failed", error.robot, str(error))
-        except KeyboardInterrupt:
+        except Stop:
             return self._finish("interrupted", None, "stopped by the user")
+        if not world.finished:
+            return self._finish("interrupted", None, "as far as it was to go")
         if world.diverged is not None:
             return self._finish("diverged", world.diverged.robot, world.diverged.reason)
         return self._finish("completed", None, "")
 
     def _start(self, robot: int) -> None:
-        self._at_work = robot
+        self.at_work = robot
         try:
             law = make(self._scenario, robot)
             self._robots[robot] = Robot(
@@ -91,6 +98,7 @@ class _Run:
             )
         except RAISED as error:
             raise failure(robot, error) from error
+        self.at_work = 0
 
     def _happen(self) -> None:
         """What the launcher and the system do to processes in a distributed run."""
@@ -106,7 +114,7 @@ class _Run:
         world, robots = self._world, self._robots
         drives: deque[Drive] = deque()
         for robot, sense in world.senses():
-            self._at_work = robot
+            self.at_work = robot
             outgoing, drive = robots[robot].on_sense(sense)
             if drive is not None:
                 drives.append(drive)
@@ -115,10 +123,11 @@ class _Run:
             payload, note = outgoing.payload, outgoing.envelope.pack()
             for neighbour in self._scenario.neighbours_of[robot]:
                 receiver = robots.get(neighbour)
-                self._at_work = neighbour
+                self.at_work = neighbour
                 drive = None if receiver is None else receiver.on_broadcast(robot, payload, note)
                 if drive is not None:
                     drives.append(drive)
+        self.at_work = 0
         while drives:
             world.on_drive(drives.popleft())
 

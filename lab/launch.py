@@ -25,10 +25,9 @@ from formation.bus import LEASE_S, LOOPBACK
 from formation.record import Event, Outcome, Samples, Sink, Stir, read
 from formation.scenario import Scenario
 from lab.refusals import LOG_FILTER, Refusals
+from lab.signals import GRACE_S
 from plant.host import FAREWELL_S, START_PATIENCE_S
 
-GRACE_S = 1.5
-"""How long children have to end by themselves before they are killed."""
 _LOOK_S = 0.1
 
 

@@ -2,26 +2,31 @@
 
 import os
 import signal
+import threading
+import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from ctypes import c_bool
 from multiprocessing import get_context
-from multiprocessing.synchronize import Event
 from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from formation.process import die_with_parent
+from lab.signals import GRACE_S
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+_LOOK_S = 0.1
 Stopped = Callable[[], bool]
 Work = Callable[[Item, Stopped], Result]
 """Does one item and looks now and then whether the user wants an end."""
 
-_stop: Event | None = None  # in a worker: set when the user wants an end
+_stop = c_bool(False)
+"""In a worker: whether the user wants an end. It has no lock, which one who dies might hold."""
 
 
 class WorkFailed(RuntimeError):
@@ -51,13 +56,14 @@ def at_once(
 ) -> Iterator[tuple[Item, Result]]:
     """``work`` on ``jobs`` items at a time (None: one for each core), each in another process.
 
-    Pairs come as they are done. Once ``stopped`` says so nothing more is begun.
+    Pairs come as they are done. Once ``stopped`` says so nothing more is begun, and what does not
+    end within GRACE_S is cut short.
 
     Raises:
         WorkFailed: ``work`` raised, or its process died.
     """
     context = get_context("spawn")
-    stop = context.Event()
+    stop = context.RawValue(c_bool, False)
     cores = os.cpu_count() or 1
     with ProcessPoolExecutor(jobs or cores, context, initializer=_begin, initargs=(stop,)) as pool:
         try:
@@ -76,7 +82,7 @@ def at_once(
                 if stopped():
                     return
         finally:
-            stop.set()
+            stop.value = True
             pool.shutdown(cancel_futures=True)
 
 
@@ -102,11 +108,19 @@ def _guarded(
 
 
 def _stop_wanted() -> bool:
-    return _stop is not None and _stop.is_set()
+    return _stop.value
 
 
-def _begin(stop: Event) -> None:
+def _begin(stop: c_bool) -> None:
     global _stop
     _stop = stop
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    threading.Thread(target=_cut_short, daemon=True).start()
+
+
+def _cut_short() -> None:
+    while not _stop_wanted():
+        time.sleep(_LOOK_S)
+    time.sleep(GRACE_S)
+    os._exit(1)

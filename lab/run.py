@@ -4,6 +4,7 @@ import threading
 import time
 from contextlib import ExitStack
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,12 +117,25 @@ def load_checked(
         ScenarioError: with every problem found.
     """
     scenario = load(path, overrides)
-    problem, warnings = foresee(
-        scenario, lambda text: console.print(f"[yellow]waiting:[/] {escape(text)}", soft_wrap=True)
-    )
+    problem, warnings = foresee(scenario, partial(say_slow, console))
     if problem is not None:
         raise ScenarioError(str(path), [Problem("law.kind", repr(scenario.law.kind), problem)])
     return scenario, warnings
+
+
+def say_slow(console: Console, text: str) -> None:
+    """Print what takes long before a run."""
+    console.print(f"[yellow]waiting:[/] {escape(text)}", soft_wrap=True)
+
+
+def say_waiting(console: Console, record: Record) -> None:
+    """Print on whom a run waits, if ``record`` says so."""
+    if isinstance(record, Event) and record.kind == "waiting":
+        robots = ", ".join(map(str, record.details["robots"]))
+        console.print(
+            f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} to "
+            + escape(record.details["for"]), soft_wrap=True,
+        )  # fmt: skip
 
 
 def warn(console: Console, warnings: list[str]) -> None:
@@ -334,12 +348,7 @@ class _Watch:
                     f"{', '.join(map(str, record.details['robots']))}: "
                     + escape(record.details["reason"]), soft_wrap=True,
                 )  # fmt: skip
-            elif record.kind == "waiting":
-                robots = ", ".join(map(str, record.details["robots"]))
-                self._console.print(
-                    f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} "
-                    f"to {record.details['for']}"
-                )
+            say_waiting(self._console, record)
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""

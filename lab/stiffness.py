@@ -229,7 +229,7 @@ class _Way:
         except RAISED as error:
             if not finite(state):
                 return nan, nan
-            raise failure(robot, error) from error
+            raise failure(robot, error, self._laws[robot]) from error
 
     def _heard(self, now_ns: int) -> dict[int, tuple[Stamped, ...]]:
         sent = self._broadcasts

@@ -1,6 +1,7 @@
 """``formnet verify``: does a recorded run, run again, give the same bits?"""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -9,11 +10,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from formation.loading import ScenarioError
-from formation.record import Sample
+from formation.record import Record, Sample
 from lab import verdict
 from lab.difference import first_difference
 from lab.execution import execute
-from lab.foresight import foresee
+from lab.foresight import obstacle
 from lab.recorded import Unreadable, read_whole
 from lab.recording import Recording, trajectory_sha256
 from lab.run import (
@@ -23,10 +24,11 @@ from lab.run import (
     INTERRUPTED,
     ONE_FAILS,
     report_problems,
+    say_slow,
+    say_waiting,
 )
 from lab.signals import stop_signals
-
-_UNTIL_THE_END = 2**63 - 1
+from netem.timeline import NEVER
 
 
 def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
@@ -54,7 +56,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     recorded = read_whole(folder)
     judged = recorded.verdict
     assert judged is not None
-    problem, _ = foresee(recorded.scenario)
+    problem = obstacle(recorded.scenario, partial(say_slow, console))
     if problem is not None:
         raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
     if recorded.scenario.clock.mode == "realtime":
@@ -69,15 +71,20 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
                   "…[/]", soft_wrap=True)  # fmt: skip
     with TemporaryDirectory(prefix="formnet-verify-") as scratch:
         again = Recording(Path(scratch) / "run", recorded.scenario)
-        outcome = execute(again, again, stopped, inline=inline)
+
+        def take(record: Record) -> None:
+            again(record)
+            say_waiting(console, record)
+
+        outcome = execute(again, take, stopped, inline=inline, until_ns=until_ns)
         again.close()
     if stopped():
         return INTERRUPTED
-    if outcome.kind not in ("completed", "diverged", judged["outcome"]["kind"]):
+    if again.now_ns() < samples[-1].t_ns:
         console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
                       + escape(outcome.reason), soft_wrap=True)  # fmt: skip
         return BROKEN
-    whole = until_ns == _UNTIL_THE_END
+    whole = until_ns == NEVER
     found = first_difference(
         samples, _before(again.samples, until_ns), recorded.scenario.clock.control_period_ns
     )
@@ -114,7 +121,7 @@ def _planned_until_ns(judged: Mapping[str, Any]) -> int:
     unplanned = [item["t_s"] for item in judged["robots"]["lost"]]
     if judged["outcome"]["kind"] not in ("completed", "diverged"):
         unplanned.append(judged["outcome"]["t_s"])
-    return min((round(t_s * 1e9) for t_s in unplanned), default=_UNTIL_THE_END)
+    return min((round(t_s * 1e9) for t_s in unplanned), default=NEVER)
 
 
 def _before(samples: Sequence[Sample], until_ns: int) -> list[Sample]:

@@ -8,8 +8,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from lab.launch import GRACE_S, LocalChild, end
+from lab.launch import LocalChild, end
 from lab.place import Where
+from lab.signals import GRACE_S
 
 _START_S = 30.0
 

@@ -14,7 +14,7 @@ from formation.scenario import Scenario
 from netem.tables import nanoseconds
 from netem.timeline import NEVER
 from plant.body import Body, braked, driven, left_alone, steered
-from plant.world import Diverged, diverged
+from plant.world import BAD_COMMAND, BAD_STATE, Diverged, diverged
 
 
 class _Track:
@@ -81,7 +81,7 @@ class TimedWorld:
         track = self._tracks[robot]
         self._advance(robot, track, min(t_ns, self._end_ns))
         if not (math.isfinite(first) and math.isfinite(second)):
-            self._diverge(robot, track.t_ns)
+            self._diverge(robot, track.t_ns, BAD_COMMAND)
             return
         track.drive, track.stale_ns = (first, second), track.t_ns + self._timeout_ns
 
@@ -127,7 +127,7 @@ class TimedWorld:
                 until_ns = min(until_ns, track.stale_ns)
             reached = self._moved(robot, track, (until_ns - track.t_ns) * 1e-9)
             if not finite(reached):
-                self._diverge(robot, until_ns)
+                self._diverge(robot, until_ns, BAD_STATE)
             track.state, track.t_ns = reached, until_ns
 
     def _due_ns(self, sample: int) -> int:
@@ -167,7 +167,7 @@ class TimedWorld:
         self._rows.setdefault(track.sample, {})[robot] = row
         track.sample += 1
 
-    def _diverge(self, robot: int, t_ns: int) -> None:
+    def _diverge(self, robot: int, t_ns: int, why: str) -> None:
         if self.diverged is None:
             states = {other: track.state for other, track in self._tracks.items()}
-            self.diverged = diverged(t_ns, states, robot)
+            self.diverged = diverged(t_ns, states, robot, why)

@@ -19,7 +19,8 @@ from netem.link import LOST_DOWN
 from netem.timeline import NEVER
 from plant.body import Body, driven, left_alone, steered
 
-NOT_FINITE = "its command, or the state it leads to, is not finite"
+BAD_COMMAND = "its command is not finite"
+BAD_STATE = "the state that its command leads to is not finite"
 RUNAWAY = 1e3
 """A robot that is faster (m/s or rad/s) has diverged, and takes with it whoever hears it."""
 
@@ -32,14 +33,14 @@ class Diverged(NamedTuple):
     reason: str
 
 
-def diverged(t_ns: int, states: Mapping[int, State], blown: int) -> Diverged:
-    """Who is to blame that the next state of ``blown`` is not finite: who runs away fastest.
+def diverged(t_ns: int, states: Mapping[int, State], blown: int, why: str) -> Diverged:
+    """Who is to blame for what became of ``blown`` (and ``why``): who runs away fastest.
 
     ``states`` are those before, of all robots.
     """
     fastest = max(states, key=lambda robot: _pace(states[robot]))
     if not _pace(states[fastest]) > RUNAWAY:
-        return Diverged(t_ns, blown, NOT_FINITE)
+        return Diverged(t_ns, blown, why)
     speed, turn_rate = states[fastest][3:]
     reason = f"it runs away, at {speed:.2g} m/s and {turn_rate:.2g} rad/s"
     return Diverged(t_ns, fastest, reason)
@@ -85,7 +86,7 @@ class World:
         self._samples: list[Sample] = []
         self._row: dict[int, Sample] = {}
         self._recording = True  # whether this tick is
-        self._blown: list[int] = []  # robots whose next state is not finite
+        self._blown: dict[int, str] = {}  # robots whose next state is not finite, and why
         self._enter(0)
 
     @property
@@ -121,7 +122,8 @@ class World:
             self._record(robot, state, drive)
         self._next[robot] = reached = self._moved(robot, state, drive)
         if not finite(reached):
-            self._blown.append(robot)
+            commanded = math.isfinite(drive.right) and math.isfinite(drive.left)
+            self._blown[robot] = BAD_STATE if commanded else BAD_COMMAND
         self._open.discard(robot)
         if not self._open:
             self._complete()
@@ -166,7 +168,7 @@ class World:
             self._row = {}
         if self._blown:  # the first in file order: the order of arrival must not matter
             first = next(robot for robot in self.ids if robot in self._blown)
-            self.diverged = diverged(self.t_ns, self._states, first)
+            self.diverged = diverged(self.t_ns, self._states, first, self._blown[first])
         if self.tick == self._ticks or self._blown:
             self.finished = True
             self.happenings = []
@@ -206,7 +208,7 @@ class World:
             reached = state if over else left_alone(self._plant, body, state, self._period_s)
             self._next[robot] = reached
             if not finite(reached):
-                self._blown.append(robot)
+                self._blown[robot] = BAD_STATE
         if self.tick % self._record_every:
             return
         for source in self.up:

@@ -47,12 +47,15 @@ def law(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("lines", "problem"),
     [
-        ({"head": "1 / 0"}, "cannot be imported: ZeroDivisionError: division by zero"),
+        ({"head": "1 / 0"}, "ZeroDivisionError: division by zero (odd_law.py:2)"),
         ({"head": "sys.exit(3)"}, "cannot be imported: SystemExit: 3"),
         ({"head": "os._exit(0)"}, "ended its process (exit code 0) when it was imported and built"),
         ({"head": "os.abort()"}, "brought its process down (signal 6) when it was imported and"),
-        ({"init": "raise ValueError('mine')"}, "law 'odd' refuses robot 1: mine"),
-        ({"init": "sys.exit('mine')"}, "law 'odd' refuses robot 1: mine"),
+        (
+            {"init": "raise ValueError('mine')"},
+            "law 'odd' refuses robot 1: mine (odd_law.py:6)",
+        ),
+        ({"init": "sys.exit(5)"}, "law 'odd' fails for robot 1: SystemExit: 5 (odd_law.py:6)"),
     ],
     ids=str,
 )
@@ -71,7 +74,11 @@ def test_a_law_that_cannot_be_had(law, scenario, lines, problem):
             "failed: robot 1: ZeroDivisionError: division by zero (odd_law.py:8)",
         ),
         ("sys.exit(1)", "failed: robot 1: SystemExit: 1 (odd_law.py:8)"),
-        ("return None", "failed: robot 1: TypeError: the law must return two numbers, not None"),
+        (
+            "return None",
+            "robot 1: TypeError: the law must return two numbers, not None (odd_law.py:7)",
+        ),
+        ("raise KeyboardInterrupt", "failed: robot 1: KeyboardInterrupt (odd_law.py:8)"),
         ("return 'fast', 0.0", "TypeError: the law must return two numbers, not ('fast', 0.0)"),
         ("os._exit(7)", "law 'odd' ended its process (exit code 7) when it was tried before"),
     ],

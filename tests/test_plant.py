@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from formation.messages import Drive, State
 from plant import model
 from plant.body import Body, driven, steered
-from plant.world import NOT_FINITE, World
+from plant.world import BAD_COMMAND, BAD_STATE, World
 
 
 def body(**changes: float) -> Body:
@@ -271,7 +271,7 @@ def test_world_reports_divergence_of_the_first_robot_whatever_the_order(paper, b
     assert not world.finished
     world.on_drive(Drive(1, 0, 0.0, 0.0))
     assert world.finished
-    assert world.diverged == (0, 2, NOT_FINITE)
+    assert world.diverged == (0, 2, BAD_STATE if math.isfinite(bad) else BAD_COMMAND)
     assert len(world.take_samples()) == 5
 
 

@@ -30,6 +30,11 @@ class Unpicklable(Exception):
         super().__init__(one)
 
 
+def endless(begun, stopped):
+    begun.touch()
+    time.sleep(600.0)
+
+
 def failing(item, stopped):
     raise Unpicklable("three is", "not good")
 
@@ -52,6 +57,13 @@ def test_an_early_end_reaches_what_runs_and_begins_no_more():
         done.append((item, result))
     assert done == [(0, "first")]
     assert list(pool.in_turn(squared, range(3), lambda: True)) == []
+
+
+def test_work_that_never_asks_is_cut_short(tmp_path):
+    begun = tmp_path / "begun"
+    since = time.monotonic()
+    assert list(pool.at_once(endless, [begun, begun], begun.exists, 1)) == []
+    assert time.monotonic() - since < 60.0
 
 
 def test_what_goes_wrong_is_told():

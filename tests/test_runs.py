@@ -483,35 +483,49 @@ def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, m
     assert "ZeroDivisionError: division by zero\n" in log
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_a_law_that_leaves_ends_the_run_with_its_name(start, tmp_path, mode):
-    """SystemExit is no way out of a robot's process."""
-    body = "return exit(1) if self.robot == 4 and now_ns > 10**8 else (0.0, 0.0)"
+@pytest.mark.parametrize(
+    ("leave", "named"),
+    [
+        ("exit(1)", "SystemExit: 1"),
+        ("(_ for _ in ()).throw(KeyboardInterrupt)", "KeyboardInterrupt"),
+    ],
+    ids=["exit", "interrupt"],
+)
+@pytest.mark.parametrize("mode", ["clock.mode=lockstep", "clock.mode=realtime", "--inline"])
+def test_a_law_that_leaves_ends_the_run_with_its_name(start, tmp_path, mode, leave, named):
+    """Neither is a way out of a robot's process."""
+    body = f"return {leave} if self.robot == 4 and now_ns > 10**8 else (0.0, 0.0)"
     run = start(
-        "plug-in", "law.kind=broken", "duration_s=2.0", f"clock.mode={mode}",
-        env=install_law(tmp_path, body),
-    )  # fmt: skip
+        "plug-in", "law.kind=broken", "duration_s=2.0", mode, env=install_law(tmp_path, body)
+    )
     assert run.wait() == 3
-    assert "robot 4: SystemExit: 1 (broken_law.py:5)" in " ".join(run.output().split())
+    assert f"robot 4: {named} (broken_law.py:5)" in " ".join(run.output().split())
 
 
 def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
-    """Before the run it is given up, and in the run it is lost."""
+    """Before the run it is given up, and in the run it is lost; up to there the run repeats."""
     endless = "any(False for _ in iter(int, 1))"
     body = f"return (0.0, 0.0) if self.robot != 4 or now_ns < 10**8 else {endless}"
+    env = install_law(tmp_path, body)
     run = start(
-        "plug-in", "law.kind=broken", "duration_s=2.0", "run.patience_s=1.0", "expect={}",
-        env=install_law(tmp_path, body),
+        "plug-in", "law.kind=broken", "duration_s=2.0", "run.patience_s=1.0", "expect={}", env=env
     )  # fmt: skip
     assert run.wait() == 1  # nothing was claimed, but a robot is lost
     said = " ".join(run.output().split())
     assert "had not answered after 10 s (it is at broken_law.py:5) when it was tried" in said
     assert "lost at t = 0.100 s: robot 4: did not answer for 1 s" in said
     assert "nothing was claimed, but not all went well" in said
+    again = subprocess.run(
+        [sys.executable, "-m", "lab.cli", "verify", str(run.out)],
+        capture_output=True, text=True, timeout=60.0, env={**os.environ, **env},
+    )  # fmt: skip
+    assert again.returncode == 0
+    assert "identical up to t = 0.1 s, where something unplanned happened" in again.stdout
 
 
-def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tmp_path):
-    """By a second SIGINT; the first is taken in only between ticks."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tmp_path, number):
+    """A signal is taken in between ticks; where none comes, it ends the law."""
     told, interrupted = threading.Event(), threading.Event()
 
     class Endless:
@@ -521,8 +535,8 @@ def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tm
         def command(self, now_ns: int, *_: object) -> Command:
             if self.robot == 4 and now_ns == 3 * 10**6:
                 assert told.wait(60.0)
-                for _ in range(2):
-                    signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(number)
+                threading.Event().wait(60.0)
                 raise AssertionError("not reached")
             return Command(0.0, 0.0)
 
@@ -535,11 +549,11 @@ def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tm
     monkeypatch.setattr("lab.stuck.PATIENCE_S", 0.05)
     monkeypatch.setattr("agent.law.load", lambda kind: Endless)
     recording = Sink(tmp_path / "run", load(Path(f"configs/{SECTION5}.toml")))
-    before = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
+    before = signal.signal(number, lambda *_: interrupted.set())
     try:
         outcome = execute(recording, recording, interrupted.is_set, inline=True)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
     assert outcome == Outcome("interrupted", 3 * 10**6, None, "stopped by the user")
     (waiting,) = [event for event in recording.events if event.kind == "waiting"]
     assert waiting.details["robots"] == [4]

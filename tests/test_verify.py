@@ -121,8 +121,8 @@ def test_a_run_that_ended_early_is_compared_up_to_there(copy):
 def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_run(
     copy, monkeypatch
 ):
-    def failing(recording, sink, stopped, *, inline):
-        execute(recording, sink, stopped, inline=inline)
+    def failing(recording, sink, stopped, *, inline, until_ns):
+        execute(recording, sink, stopped, inline=inline, until_ns=min(until_ns, 200_000_000))
         return Outcome("failed", 200_000_000, 3, "ValueError: no")
 
     execute = verify.execute
