@@ -348,6 +348,13 @@ class _Watch:
                     f"{', '.join(map(str, record.details['robots']))}: "
                     + escape(record.details["reason"]), soft_wrap=True,
                 )  # fmt: skip
+            elif record.kind == "silent at the end":
+                self._console.print(
+                    "[yellow]silent at the end:[/] robot "
+                    + ", ".join(map(str, record.details["robots"]))
+                    + ": its last report is missing, so not all that became of messages is known",
+                    soft_wrap=True,
+                )
             say_waiting(self._console, record)
 
     def refresh(self) -> None:

@@ -37,7 +37,7 @@ from formation.scenario import Scenario
 PATIENCE_S = 1.0
 """How long to wait before saying for whom."""
 FAREWELL_S = 10.0
-"""How long a silence is taken for slowness while robots hand in their last reports."""
+"""How long a silence is taken for slowness while robots hand in their last reports, at most."""
 HASTY_FAREWELL_S = 0.5
 """The same when the user has asked to stop."""
 START_PATIENCE_S = 30.0
@@ -142,7 +142,7 @@ class Host:
             self._running = False
         self._wind_up()
         self._sink(Event("last tick", outcome.t_ns, {}))
-        self._farewell(outcome)
+        outcome = self._farewell(outcome)
         self._report()
         self._last_words()
         self._sink(outcome)
@@ -172,6 +172,10 @@ class Host:
 
     def _last_words(self) -> None:
         """After the robots' last reports."""
+
+    def _miss(self, robots: list[int], outcome: Outcome) -> Outcome:
+        """These have not handed in their last reports; how the run really ended."""
+        return outcome
 
     def _lose(self, robot: int, why: str) -> None:
         """Go on without ``robot``, or end the run."""
@@ -270,24 +274,29 @@ class Host:
         elif isinstance(message, Failed):
             raise Ended(self._outcome("failed", message.robot, message.error))
 
-    def _farewell(self, outcome: Outcome) -> None:
-        """Tell every robot that it is over, and take their last reports."""
+    def _farewell(self, outcome: Outcome) -> Outcome:
+        """Tell every robot that it is over, and take their last reports; how it really ended."""
         leaving = set(self._joined)
         if outcome.kind in ("failed", "lost") and outcome.robot is not None:
             leaving.discard(outcome.robot)
         for robot in leaving:
             self._tell(robot, End(robot, outcome.kind, self._last_tick()))
         hasty = outcome.kind == "interrupted"
+        patience = Patience()
+        since, heard = time.monotonic(), 0
         while leaving:
-            patience_s = HASTY_FAREWELL_S if hasty else FAREWELL_S
-            if not leaving & self._connected:  # what they said last may still be on its way
+            patience_s = min(FAREWELL_S, self._scenario.run.patience_s)
+            if hasty or not leaving & self._connected:  # what they said last may be on its way
                 patience_s = HASTY_FAREWELL_S
-            try:
-                message = self._inbox.get(timeout=patience_s)
-            except queue.Empty:
-                details = {"robots": sorted(leaving)}
-                self._sink(Event("silent at the end", self._t_ns(), details))
-                return
+            if patience.lost(heard):
+                self._complain("hand in a last report", sorted(leaving))
+            message = self._next(min(patience_s, PATIENCE_S / 4))
+            if message is None:
+                if time.monotonic() - since < patience_s:
+                    continue
+                self._sink(Event("silent at the end", self._t_ns(), {"robots": sorted(leaving)}))
+                return self._miss(sorted(leaving), outcome)
+            since, heard = time.monotonic(), heard + 1
             if isinstance(message, End):
                 leaving.discard(message.robot)
             elif isinstance(message, Outcome):
@@ -295,6 +304,7 @@ class Host:
             elif not isinstance(message, Turn | Vanished):
                 with suppress(Ended):
                     self._handle(message)
+        return outcome
 
     def _tell(self, robot: int, message: Message) -> None:
         self._to_robots[robot].put(encode(message))

@@ -31,6 +31,7 @@ from formation.messages import (
 from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formation.scenario import Scenario
 from formation.sync import Spread
+from netem.tables import nanoseconds
 from netem.wallclock import wake_punctually
 from plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
 from plant.timed import TimedWorld
@@ -52,11 +53,14 @@ class RealtimePlant(Host):
     ) -> None:  # fmt: skip
         super().__init__(session, scenario, run, sink, start_patience_s)
         self._world = TimedWorld(scenario)
+        self._aborts = scenario.run.on_unscheduled_loss == "abort"
         self._origin_ns = 0
         self._heard_s: dict[int, float] = {}  # when each robot said something last
         self._sensed: dict[int, tuple[int, int]] = {}  # each robot's last question, and when
         self._latency_s = {robot: Spread() for robot in scenario.ids}  # sense to drive
-        self._driven: dict[int, int] = {}  # the period of each robot's last drive
+        self._driven: dict[int, tuple[int, int]] = {}  # each robot's last drive: period, when
+        self._lost_ns: dict[int, int] = {}  # when robots were lost
+        self._before: dict[int, tuple[int, int]] = {}  # periods and missed ones of earlier lives
         self._period_ns = scenario.clock.control_period_ns
         self._lateness_s = Spread()
         self._timings: dict[int, Timing] = {}
@@ -118,6 +122,8 @@ class RealtimePlant(Host):
         if verb == "kill":
             self._dead.update(robots)
         elif verb == "restart":
+            for robot in robots:
+                self._close(robot)
             self._bury(robots)
             self._dead.difference_update(robots)
         if verb == "pause":
@@ -176,12 +182,30 @@ class RealtimePlant(Host):
             self._sink(Event("clock uncertain", self._t_ns(), details))
         self._worst_s[timing.robot] = worst_s
 
+    def _miss(self, robots: list[int], outcome: Outcome) -> Outcome:
+        """Who had not driven any more at the end is lost since then."""
+        timeout_ns = nanoseconds(self._scenario.plant.drive_timeout_s)
+        for robot in robots:
+            driven_ns = self._driven.get(robot, (-1, 0))[1]
+            if not self._world.up(robot, outcome.t_ns) or outcome.t_ns - driven_ns <= timeout_ns:
+                continue
+            why = f"nothing came from it after t = {driven_ns / 1e9:.3f} s"
+            if self._aborts and outcome.kind == "completed":
+                return outcome._replace(kind="lost", robot=robot, reason=why)
+            self._write_off(robot, why, outcome.t_ns, driven_ns)
+        return outcome
+
     def _lose(self, robot: int, why: str) -> None:
-        if self._scenario.run.on_unscheduled_loss == "abort":
+        if self._aborts:
             raise Ended(self._outcome("lost", robot, why))
         t_ns = self._t_ns()
+        self._write_off(robot, why, t_ns, t_ns)
+
+    def _write_off(self, robot: int, why: str, t_ns: int, since_ns: int) -> None:
+        """``robot`` is found to be lost at ``t_ns``, and to have been so since ``since_ns``."""
         with self._lock:
-            tick = self._world.lose(robot, t_ns)
+            tick = self._world.lose(robot, since_ns)
+        self._lost_ns[robot] = t_ns
         self._joined.discard(robot)
         self._dead.add(robot)
         self._watch([robot])
@@ -224,9 +248,10 @@ class RealtimePlant(Host):
         self._bury(self._scenario.ids)
         robots = {}
         for robot, timing in sorted(self._timings.items()):
+            periods, missed = self._counts(robot)
             robots[str(robot)] = {
-                "periods": timing.periods,
-                "missed": timing.missed,
+                "periods": periods,
+                "missed": missed,
                 "sense_to_drive_s": _named(self._latency_s[robot].summary()),
                 "woke_late_s": _named(timing.lateness_s),
                 "transit_s": _named(timing.transit_s),
@@ -235,6 +260,25 @@ class RealtimePlant(Host):
             }
         details = {"plant": {"woke_late_s": _named(self._lateness_s.summary())}, "robots": robots}
         self._sink(Event("timing", self._t_ns(), details))
+
+    def _close(self, robot: int) -> None:
+        """A life of ``robot`` is over."""
+        if robot in self._timings:
+            self._before[robot] = self._counts(robot)
+            self._timings[robot] = self._timings[robot]._replace(periods=0, missed=0)
+        self._lost_ns.pop(robot, None)
+
+    def _counts(self, robot: int) -> tuple[int, int]:
+        """Control periods of all lives of ``robot``, and how many it missed: once lost, all."""
+        timing = self._timings[robot]
+        periods, missed = timing.periods, timing.missed
+        if robot in self._lost_ns and robot in self._sensed:
+            number, sensed_ns = self._sensed[robot]
+            answered = max(periods, self._driven.get(robot, (-1, 0))[0] + 1)
+            periods = number + 1 + (self._lost_ns[robot] - sensed_ns) // self._period_ns
+            missed += periods - answered
+        before = self._before.get(robot, (0, 0))
+        return before[0] + periods, before[1] + missed
 
     def _completed(self) -> Outcome:
         diverged = self._world.diverged
@@ -285,10 +329,10 @@ class RealtimePlant(Host):
         number, sensed_ns = self._sensed.get(robot, (-1, 0))
         if drive.robot != robot:
             self._refuse(robot, f"claims to be robot {drive.robot}")
-        elif drive.tick != number or number <= self._driven.get(robot, -1):
+        elif drive.tick != number or number <= self._driven.get(robot, (-1, 0))[0]:
             self._refuse(robot, "a drive for another period than it asked for last")
         else:
-            self._driven[robot] = number
+            self._driven[robot] = number, now_ns
             self._world.drive(robot, now_ns, drive.right, drive.left)
             self._latency_s[robot].add((now_ns - sensed_ns) / 1e9)
 

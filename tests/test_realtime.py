@@ -4,6 +4,7 @@ import json
 import math
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -347,6 +348,8 @@ def test_robots_that_fail_in_real_time(start):
         assert expected in events
     judged = run.verdict()
     assert judged["robots"]["judged"] == [2, 3, 4]
+    counts = judged["realtime"]["robots"]
+    assert counts["2"]["periods"] > counts["4"]["periods"] - 300  # of both lives; 200 between them
     reasons = {item["robot"]: item["reason"] for item in judged["robots"]["lost"]}
     assert reasons == {5: "its process is gone", 1: "did not ask or drive for 2 s"}
     heard = pq.read_table(run.out / "links.parquet").to_pylist()
@@ -359,6 +362,30 @@ def test_robots_that_fail_in_real_time(start):
         "lost: receiver down"
     }
     assert not [e for e in run.events() if e["event"] == "silent at the end"]
+
+
+@pytest.mark.parametrize("policy", ["continue", "abort"])
+def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
+    run = start("duration_s=4.0", "run.patience_s=3.0", f"run.on_unscheduled_loss={policy}")
+    run.until_event("started")
+    time.sleep(2.0)
+    run.child(1).send_signal(signal.SIGSTOP)
+    code = run.process.wait(60)
+    judged, said = run.verdict(), " ".join(run.log.read_text().split())
+    assert "waiting at t = 4.000 s for robot 1 to hand in a last report" in said
+    assert "silent at the end: robot 1: its last report is missing" in said
+    if policy == "abort":
+        assert code == 3
+        assert judged["outcome"]["kind"] == "lost"
+        return
+    assert code == 1
+    (lost,) = judged["robots"]["lost"]
+    since = re.fullmatch(r"nothing came from it after t = (\S+) s", lost["reason"])
+    assert since is not None
+    hung_s = 4.0 - float(since[1])
+    assert judged["robots"]["judged"] == [2, 3, 4, 5]
+    counts = judged["realtime"]["robots"]["1"]
+    assert 100 * hung_s - 2 <= counts["missed"] <= counts["periods"] < 410
 
 
 def test_a_plant_in_real_time_that_dies_ends_the_run(start):
