@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from formation.graph import algebraic_connectivity, components, laplacian, smallest_eigenvalue
 from formation.scenario import Scenario
+from formation.timeline import effects
+from netem.actions import Cut, Heal
 
 CLAIMS = ("formation", "heading", "centroid")
 """Eqs. 3, 4 and 5, by the names they have in ``[expect]``."""
@@ -64,8 +66,7 @@ def _broken_assumptions(scenario: Scenario) -> list[str]:
     broken = []
     groups = components(scenario.ids, scenario.formation.edges)
     if len(groups) > 1:
-        text = ", ".join("{" + ", ".join(map(str, group)) + "}" for group in groups)
-        broken.append(f"Assumption 1 (connected graph): the graph falls into {text}")
+        broken.append(f"Assumption 1 (connected graph): the graph falls into {_in_braces(groups)}")
     w1 = scenario.law.w1
     if w1.bias == 0.0 and (w1.amplitude == 0.0 or w1.frequency_radps == 0.0):
         broken.append("Assumption 2 (persistent excitation): w1 is zero at all times")
@@ -98,17 +99,73 @@ def _uncovered(scenario: Scenario) -> list[str]:
 
 
 def _disturbances(scenario: Scenario) -> list[str]:
-    """What happens to robots and messages that no theorem allows: the first of either."""
-    return [*_planned(scenario), *_imperfect_link(scenario)]
+    """What happens to robots and messages that no theorem allows."""
+    return [*_planned(scenario), *_split(scenario), *_imperfect_link(scenario)]
 
 
 def _planned(scenario: Scenario) -> list[str]:
-    if not scenario.plan:
+    found = []
+    falls = [
+        some for some in scenario.roster().happenings()
+        if some.verb in ("kill", "pause") and some.tick <= scenario.ticks
+    ]  # fmt: skip
+    if falls:
+        who = sorted({robot for fall in falls for robot in fall.robots})
+        several, first = len(who) > 1, ", the first " if len(falls) > 1 else " "
+        found.append(
+            f"robot{'s' * several} {', '.join(map(str, who))} fail{'s' * (not several)}"
+            f"{first}at {falls[0].tick * scenario.clock.control_period_s:g} s"
+        )
+    changes = [
+        entry for entry in scenario.plan
+        if not entry.robots and entry.at_s <= scenario.duration_s
+    ]  # fmt: skip
+    if changes:
+        more = f", the first of {len(changes)} changes" if len(changes) > 1 else ""
+        found.append(f"the network changes at {changes[0].at_s:g} s ({changes[0].what}{more})")
+    return found
+
+
+def _split(scenario: Scenario) -> list[str]:
+    """Since when the robots that are up at the end have been out of touch, if a plan does it."""
+    period_ns = scenario.clock.control_period_ns
+    end_ns = scenario.ticks * period_ns
+    roster = scenario.roster()
+    if not scenario.timeline or len(components(scenario.ids, scenario.formation.edges)) > 1:
         return []
-    first = scenario.plan[0]
-    what = "robots fail" if first.robots else "the network changes"
-    more = f" and {len(scenario.plan) - 1} more" if len(scenario.plan) > 1 else ""
-    return [f"{what} at {first.at_s:g} s ({first.what}{more})"]
+    instants = {some.tick * period_ns for some in roster.happenings()}
+    changes: list[tuple[int, tuple[int, int], bool]] = []  # when, on which link, whether it cuts
+    for link in scenario.directed_links:
+        for at_ns, action in effects(scenario.timeline, *link, scenario.ids):
+            if isinstance(action, Cut | Heal):
+                changes.append((at_ns, link, isinstance(action, Cut)))
+                instants.add(at_ns)
+    changes.sort(key=lambda change: change[0])  # of one link, those at once in the file's order
+    cut: set[tuple[int, int]] = set()
+    since_ns, groups, done = 0, [[0]], 0
+    for now_ns in sorted(instant for instant in instants if instant <= end_ns):
+        while done < len(changes) and changes[done][0] <= now_ns:
+            _, link, cuts = changes[done]
+            (cut.add if cuts else cut.discard)(link)
+            done += 1
+        up = [robot for robot in scenario.ids if roster.up(robot, now_ns // period_ns)]
+        before = len(groups)
+        groups = components(up, [
+            (a, b) for a, b in scenario.formation.edges
+            if a in up and b in up and cut.isdisjoint(((a, b), (b, a)))
+        ])  # fmt: skip
+        if len(groups) > 1 and before < 2:
+            since_ns = now_ns
+    if len(groups) < 2:
+        return []
+    return [
+        f"from {since_ns / 1e9:g} s to the end, the robots that are up do not all hear of each "
+        f"other: they fall into {_in_braces(groups)}"
+    ]
+
+
+def _in_braces(groups: list[list[int]]) -> str:
+    return ", ".join("{" + ", ".join(map(str, group)) + "}" for group in groups)
 
 
 def _imperfect_link(scenario: Scenario) -> list[str]:
@@ -170,6 +227,10 @@ def _expectation_warnings(
             "expect.centroid = true, but no robot has positive damping (Theorem 2 asks for Σμ > 0)"
         )
     stated = {claim: getattr(expect, claim) for claim in CLAIMS}
+    if any(stated.values()):
+        warnings += [
+            f"[expect] claims what may not come about: {apart}" for apart in _split(scenario)
+        ]
     if beyond and any(stated.values()):
         warnings.append(
             "[expect] claims what no theorem covers" + (f": {'; '.join(gaps)}" if gaps else "")

@@ -169,11 +169,55 @@ IMPERFECT = [
     ),
     (
         "theorem4",
-        ['timeline=[{at_s=1.0,action="kill",robots=2},{at_s=2.0,action="cut",links="*"}]'],
-        ["robots fail at 1 s", "and 1 more"],
+        [
+            'timeline=[{at_s=1.0,action="kill",robots=2},{at_s=2.0,action="cut",links="*",heal_after_s=1.0}]'
+        ],
+        ["robot 2 fails at 1 s; the network changes at 2 s (cut", "the first of 2 changes"],
     ),
-    ("theorem4", ['timeline=[{at_s=1.0,action="cut",links="*"}]'], ["network changes at 1 s"]),
+    (
+        "theorem4",
+        [
+            'timeline=[{at_s=1.0,action="kill",robots=2,restart_after_s=1.0},'
+            '{at_s=3.0,action="pause",robots=4},{at_s=3e3,action="kill",robots=5}]'
+        ],
+        ["robots 2, 4 fail, the first at 1 s"],
+    ),
+    (
+        "theorem4",
+        ['timeline=[{at_s=1.0,action="cut",links="*",heal_after_s=1.0}]'],
+        ["network changes at 1 s"],
+    ),
 ]
+CUT = '{at_s=1.0,action="cut",links=[[4,5]]}'
+KILL = '{at_s=2.0,action="kill",robots=2}'
+
+
+@pytest.mark.parametrize(
+    ("timeline", "groups"),
+    [
+        (f"{CUT},{KILL}", "they fall into {1, 5}, {3, 4}"),
+        (f'{CUT},{KILL},{{at_s=3.0,action="cut",links=[[5,1]]}}', "from 2 s to the end"),
+        (f'{CUT},{KILL},{{at_s=3.0,action="heal"}}', None),
+        (f'{CUT},{KILL},{{at_s=9.0,action="restart",robots=2}}', None),
+        (f'{CUT},{KILL},{{at_s=3e3,action="restart",robots=2}}', "{1, 5}, {3, 4}"),
+        ('{at_s=1.0,action="partition",shape="halves"}', "from 1 s to the end"),
+        (f"{CUT}", None),
+        (f"{KILL}", None),
+        ('{at_s=1.0,action="kill",robots=[1,2,3,4,5]}', None),
+    ],
+)
+def test_a_plan_that_leaves_robots_out_of_touch_is_warned_of(paper, timeline, groups):
+    """On the ring of Section 5: nothing is said where they are together at the end."""
+    scenario = paper("section5", f"timeline=[{timeline}]")
+    assert assess(without_expect(scenario)).warnings == []
+    warnings = assess(scenario).warnings
+    found = [warning for warning in warnings if "claims what may not come about" in warning]
+    if groups is None:
+        assert found == []
+    else:
+        assert groups in found[0]
+
+
 GAPS = [
     ("theorem4", ["law.delta=printed"], ["Eq. 19"]),
     ("theorem4", ["law.kind=bang-bang"], ["bang-bang"]),
