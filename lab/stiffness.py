@@ -11,7 +11,7 @@ what links lose, and when they change, is left out.
 import time
 from collections import deque
 from collections.abc import Iterator
-from math import ceil, cos, floor, inf, log10, nan, sin
+from math import ceil, cos, exp, floor, inf, log10, nan, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -103,11 +103,16 @@ def _sampling(scenario: Scenario) -> Iterator[str]:
     else:
         advice = ["smaller gains", "a larger law.length_scale_m"]
     back = _back(scenario, way)
-    advice += _softer(scenario, ("beta",) if back is None else ("gamma", "beta"))
     when = "from these starts"
-    if back is not None:
+    if back is None:
+        advice += _softer(scenario, ("beta",))
+    else:
         robots, at_s = " and ".join(map(str, back.robots)), back.tick * period_s
         when = f"after the {back.verb} of robot {robots} at {at_s:g} s"
+        advice = [*_softer(scenario, ("gamma", "beta")), *advice]
+        if advice[0].startswith("law.gamma"):
+            steep = exp(scenario.law.gamma * at_s)
+            advice[-1] += f" (with a robust term {steep:.2g} times as steep as at the start)"
     yield (
         f"clock.control_period_s = {period_s:g}: too long for these gains; {when} "
         f"the closed loop is as fast as {LIMIT / longest_s:.3g} 1/s, so commands held for more "

@@ -1,5 +1,6 @@
 """The warning where gains and control period will not get along, against runs that break."""
 
+import math
 import re
 from math import inf
 
@@ -127,9 +128,12 @@ def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
     said = [warning for warning in warnings(fleet()) if "too long" in warning]
     assert "after the restart of robot 3 at 25 s the closed loop is as fast as" in said[0]
     advice = said[0].partition("Try ")[2]
-    period, gamma = re.fullmatch(
-        r"control_period_s <= (\S+), or law.gamma <= (\S+)", advice
+    gamma, period, steep = re.fullmatch(
+        r"law.gamma <= (\S+), or control_period_s <= (\S+) \(with a robust term (\S+) times as steep "
+        r"as at the start\)",
+        advice,
     ).groups()
+    assert float(steep) == pytest.approx(math.exp(0.1 * 25.0), rel=0.1)
     assert inline.run(fleet(), "x", Collected(fleet())).kind == "diverged"
     for change in (f"clock.control_period_s={period}", f"law.gamma={gamma}"):
         mended = fleet(change)
