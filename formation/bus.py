@@ -7,6 +7,7 @@ router inside its process); everybody else is its client.
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
@@ -135,7 +136,10 @@ def session(
         hint = ""
         if credentials is not None and connect:
             hint = " (or it refuses this certificate, or is not of this authority)"
-        raise BusError(f"cannot {what}: {error}{hint}") from None
+        reason = re.sub(r"\s+at \S+\.rs:\d+", "", str(error))  # where Zenoh says so
+        if connect and "Timeout" in reason:
+            reason = f"nobody answered for {patience_s:g} s"
+        raise BusError(f"cannot {what}: {reason}{hint}") from None
     try:
         yield opened
     finally:

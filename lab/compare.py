@@ -82,7 +82,7 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
         ("error at the end, Eq. 4 (rad)", [_number(v["heading_error_rad"]) for v in verdicts]),
         ("error at the end, Eq. 5 (m)", [_number(v["centroid_error_m"]) for v in verdicts]),
         ("messages lost", [_lost(v) for v in verdicts]),
-        ("robots lost", [str(len(v["robots"]["lost"])) for v in verdicts]),
+        ("robots lost unplanned", [str(len(v["robots"]["lost"])) for v in verdicts]),
         ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
         ("took (s)", [_number(v["wall_s"], ".2f") for v in verdicts]),
         ("mode", [f"{v['mode']}, {run.scenario.clock.mode}"

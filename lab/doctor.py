@@ -57,7 +57,7 @@ def examine(path: Path | None, keys: Path | None) -> int:
         if check.problem:
             bad += 1
             console.print(f"    [bold]{escape(check.remedy)}[/]", soft_wrap=True)
-    console.print("all is well" if not bad else f"{bad} problem(s)")
+    console.print("all is well" if not bad else f"problems: {bad}")
     return ONE_FAILS if bad else ALL_HOLD
 
 

@@ -42,7 +42,7 @@ def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: s
             _number(link["longest_silence_s"]),
         )
     if in_flight := sum(link["in_flight"] for _, link in links):
-        table.caption = f"{in_flight} message(s) were still on their way at the end"
+        table.caption = f"messages still on their way at the end: {in_flight}"
         table.caption_justify = "left"
     return table
 

@@ -43,6 +43,13 @@ class Recorded(Collected):
         self.running = being_written(folder)
 
 
+def not_a_folder(path: Path) -> str | None:
+    """Why ``path`` is no folder, or None."""
+    if path.is_dir():
+        return None
+    return "is a file; give the folder of a run" if path.exists() else "no such folder"
+
+
 def read_run(folder: Path, *, tables: bool = True) -> Recorded:
     """What ``folder`` holds of a run, whole or not; without ``tables``, no states and no messages.
 
@@ -50,8 +57,8 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
         Unreadable: there is no run.
         ScenarioError: its scenario is none, or one of another version.
     """
-    if not folder.is_dir():
-        raise Unreadable("no such folder")
+    if (problem := not_a_folder(folder)) is not None:
+        raise Unreadable(problem)
     if not (folder / "scenario.toml").is_file():
         raise Unreadable("has no scenario.toml; formnet run leaves one")
     run = Recorded(folder, load(folder / "scenario.toml"))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from formation.loading import load
 from lab.layout import NOWHERE, blueprint, half_width
+from lab.recorded import not_a_folder
 from lab.recording import STATES
 from lab.rrd import FILE
 from lab.signals import stop_signals
@@ -31,6 +32,8 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
         ScenarioError: its scenario cannot be read.
         ViewerFailed: the viewer does not open.
     """
+    if (problem := not_a_folder(folder)) is not None:
+        raise NoScene(f"{folder}: {problem}")
     if not (folder / FILE).is_file():
         raise NoScene(f"{folder}: has no {FILE} (made by `formnet run`)")
     scenario = load(folder / "scenario.toml")

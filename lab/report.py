@@ -261,7 +261,7 @@ def _notes(run: Recorded) -> Iterator[str]:
         yield rises
     refused = sum(item["times"] for item in judged["messages"]["rejected"])
     if refused:
-        yield f"{refused} message(s) were refused; see below."
+        yield f"Messages refused: {refused}; see below."
     for item in judged["messages"].get("refused", ()):  # not in older runs
         yield f"who has {item['who']}'s certificate was denied {item['key']}"
     if _falling(judged):

@@ -184,7 +184,9 @@ def _conclude(
 
 def _table(judged: dict[str, Any]) -> Table:
     table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left",
-                  box=SIMPLE_HEAD, padding=(0, 1, 0, 0))  # fmt: skip
+                  box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption_justify="left")  # fmt: skip
+    if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
+        table.caption = "of V: the largest rise of the whole run, by its share of V"
     for column in ("claim", "expected", "observed", "largest at end", "tolerance", "verdict"):
         table.add_column(column, justify="left" if column == "claim" else "right", no_wrap=True)
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
@@ -253,13 +255,13 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
         )
     for item in judged["messages"]["rejected"]:
         console.print(
-            f"[yellow]rejected:[/] robot {item['robot']} refused {item['times']} message(s) "
-            f"from {item['source']}: {escape(item['reason'])}"
+            f"[yellow]rejected:[/] robot {item['robot']} refused messages from "
+            f"{item['source']}, {item['times']} ×: {escape(item['reason'])}"
         )
     for item in judged["messages"]["refused"]:
         console.print(
             f"[yellow]refused:[/] who has {item['who']}'s certificate was denied "
-            f"{escape(item['key'])}, {item['times']} time(s) or more", soft_wrap=True,
+            f"{escape(item['key'])}, {item['times']} × or more", soft_wrap=True,
         )  # fmt: skip
     if judged["realtime"] is not None:
         console.print(timing_table(judged["realtime"], recording.scenario.clock.sync_bound_s))

@@ -245,7 +245,8 @@ def rises_in_words(verdict: Mapping[str, Any]) -> str | None:
         f"{which} from {rise['begin_s']:.2f} to {rise['end_s']:.2f} s: {'; '.join(rise['causes'])}"
         for which, rise in told.items()
     ]
-    return f"V (Eq. {rising['equation']}) rises {len(rises)} time(s), {', and '.join(words)}"
+    often = "once" if len(rises) == 1 else f"{len(rises)} times"
+    return f"V (Eq. {rising['equation']}) rises {often}, {', and '.join(words)}"
 
 
 def _lyapunov_claim(

@@ -51,7 +51,7 @@ _RULES = {
     "literal_error": "must be {expected}",
     "union_tag_invalid": "must be one of {expected_tags}",
     "union_tag_not_found": "needs {discriminator} to say which kind it is",
-    "too_short": "needs at least {min_length} item(s)",
+    "too_short": "needs {min_length} or more",
     "too_long": "must have exactly {max_length} items",
     "string_pattern_mismatch": "must start with a letter or digit; then letters, digits, . _ -",
     "value_error": "{error}",

@@ -291,17 +291,20 @@ class LockstepPlant(Host):
             if drive.robot != robot:
                 raise ValueError(f"claims to be robot {drive.robot}")
             self._prepared[robot] = encode(world.on_drive(drive))
+            self._go_on(drive.tick)
         except ValueError as problem:  # mypyc: a name has one type
             self._refuse(robot, str(problem))
-            return
         except Exception as error:  # our own mistake: it must not hang the run
             traceback.print_exc()
             self._inbox.put(self._outcome("broken", robot, f"{type(error).__name__}: {error}"))
-            return
+
+    def _go_on(self, tick: int) -> None:
+        """``tick`` has one answer more; if it was the last, what is next."""
+        world = self._world
         if world.finished:
             self._running = False
             self._inbox.put(self._completed())
-        elif world.tick > drive.tick:
+        elif world.tick > tick:
             if world.changed or world.tick >= self._stir_at:
                 self._inbox.put(Turn())
             else:

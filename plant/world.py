@@ -141,9 +141,8 @@ class World:
         answered = robot not in self._open
         gone = self.tick + answered
         self._roster.lose(robot, gone)
-        if answered:
-            self._next_change = min(self._next_change, gone)
-        else:
+        self._next_change = min(self._next_change, self.tick + 1)
+        if not answered:
             self.up.remove(robot)
             self._open.discard(robot)
             if self.up and not self._open:

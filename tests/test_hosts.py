@@ -322,7 +322,7 @@ def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
     ]:
         (number,) = [k for k, line in enumerate(lines) if line.startswith(problem)]
         assert remedy in lines[number + 1]
-    assert "3 problem(s)" in said
+    assert "problems: 3" in said
 
 
 def test_the_doctor_tries_the_port_and_the_way_in(network):

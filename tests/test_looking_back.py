@@ -276,7 +276,7 @@ def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
         "law.beta=200", "--set", "duration_s=1",
     )  # fmt: skip
     assert code == 1
-    assert "10 message(s) were still on their way at the end" in said
+    assert "messages still on their way at the end: 10" in said
     page = Page(out / "report.html")
     assert (
         "section5-delay diverged The run diverged at t = 0.001 s, robot 1: it runs away, at "
@@ -285,7 +285,7 @@ def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
     (warning,) = json.loads((out / "verdict.json").read_text())["warnings"]
     assert "Try smaller gains, or a larger law.length_scale_m" in warning
     assert warning in page.text
-    assert "10 message(s) neither arrived nor were lost" in page.text
+    assert "Messages that neither arrived nor were lost: 10" in page.text
 
 
 # --- list and index -------------------------------------------------------------------

@@ -294,7 +294,7 @@ def test_links_are_picked_by_id_list_or_star_one_way_or_both():
     [
         ('from = "all"\nto = 1', "network.links[0].from = 'all': must be '*'"),
         ("from = 1.5\nto = 1", "network.links[0].from = 1.5: must be a list"),
-        ("from = []\nto = 1", "network.links[0].from = []: needs at least 1 item(s)"),
+        ("from = []\nto = 1", "network.links[0].from = []: needs 1 or more"),
         ("from = 1\nto = 9", "network.links[0].to: robot 9 does not exist (robots: 1, 2, 3, 4, 5)"),
         ("from = -1\nto = 1", "network.links[0].from = -1: must be at least 0"),
     ],

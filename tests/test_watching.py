@@ -345,6 +345,9 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
         (["monitor", "--view", "--web"], "--view and --web exclude each other"),
         (["monitor", "--connect", "tcp/192.0.2.1:1"], "off loopback"),
         (["replay", "empty"], "has no run.rrd"),
+        (["replay", "nonsuch"], "nonsuch: no such folder"),
+        (["replay", str(SECTION5)], "is a file"),
+        (["monitor", str(SECTION5)], "is a file; give the folder of a run"),
         (["run", str(SECTION5), "--inline", "--web"], "formnet replay RUN shows it"),
     ]:
         code, said = formnet(*arguments)
