@@ -35,7 +35,7 @@ def draw(recording: Collected, folder: Path) -> None:
     figures = {"graph": graph(scenario)} | link_figures.of(recording)
     if len(trajectories.t_s):
         figures |= {
-            "paths": paths(scenario, trajectories),
+            "paths": paths(recording),
             "headings": headings(scenario, trajectories),
             "errors": errors(recording),
         }
@@ -56,9 +56,11 @@ def before_runaway(trajectories: Trajectories) -> Trajectories:
     return trajectories.first(max(1, wild[0]) if len(wild) else len(fastest))
 
 
-def paths(scenario: Scenario, whole_run: Trajectories) -> Figure:
+def paths(recording: Collected) -> Figure:
     """The whole paths, and where the robots end beside the desired pattern."""
+    scenario, whole_run = recording.scenario, recording.trajectories
     trajectories = before_runaway(whole_run)
+    up = recording.up_at(int(trajectories.t_ns[-1]))
     figure = blank(11.0, 5.2)
     whole, end = figure.subplots(1, 2)
     positions, offsets = trajectories.positions_m, scenario.offsets_m
@@ -74,12 +76,14 @@ def paths(scenario: Scenario, whole_run: Trajectories) -> Figure:
     order = around(offsets)
     _polygon(end, offsets[order], 6.0, "0.82", "desired pattern")
     final = positions[-1]
-    _polygon(end, final[order], 1.2, "0.15", "final positions")
+    here = [i for i in order if scenario.ids[i] in up]
+    _polygon(end, final[here], 1.2, "0.15", "final positions")
     for i, robot in enumerate(scenario.ids):
         heading = trajectories.headings_rad[-1, i]
         colour = COLOURS[i % len(COLOURS)]
-        end.plot(*final[i], "o", color=colour, ms=7)
-        end.annotate(str(robot), final[i], xytext=(6, 6), textcoords="offset points")
+        down = "" if robot in up else " (down)"
+        end.plot(*final[i], "X" if down else "o", color=colour, ms=7)
+        end.annotate(f"{robot}{down}", final[i], xytext=(6, 6), textcoords="offset points")
         end.quiver(*final[i], np.cos(heading), np.sin(heading), color=colour,
                    width=0.006, scale=14)  # fmt: skip
     end.margins(0.18)

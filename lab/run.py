@@ -128,14 +128,26 @@ def say_slow(console: Console, text: str) -> None:
     console.print(f"[yellow]waiting:[/] {escape(text)}", soft_wrap=True)
 
 
-def say_waiting(console: Console, record: Record) -> None:
-    """Print on whom a run waits, if ``record`` says so."""
-    if isinstance(record, Event) and record.kind == "waiting":
-        robots = ", ".join(map(str, record.details["robots"]))
-        console.print(
-            f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} to "
-            + escape(record.details["for"]), soft_wrap=True,
-        )  # fmt: skip
+class Waits:
+    """Prints on whom a run waits: at the first complaint that is the same, and at each doubling."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._last: dict[str, Any] = {}
+        self._times = 0
+
+    def take(self, record: Record) -> None:
+        """Print it, if ``record`` says so."""
+        if not (isinstance(record, Event) and record.kind == "waiting"):
+            return
+        self._times = self._times + 1 if record.details == self._last else 1
+        self._last = record.details
+        if self._times & (self._times - 1) == 0:
+            robots = ", ".join(map(str, record.details["robots"]))
+            self._console.print(
+                f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} to "
+                + escape(record.details["for"]), soft_wrap=True,
+            )  # fmt: skip
 
 
 def warn(console: Console, warnings: list[str]) -> None:
@@ -304,6 +316,7 @@ class _Watch:
         self._recording = recording
         self._scene = scene
         self._lock = threading.RLock()
+        self._waits = Waits(console)
         self._started: float | None = None
         self._ended: float | None = None
         self._drawn = 0.0
@@ -357,7 +370,7 @@ class _Watch:
                     + ": its last report is missing, so not all that became of messages is known",
                     soft_wrap=True,
                 )
-            say_waiting(self._console, record)
+            self._waits.take(record)
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""

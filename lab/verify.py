@@ -23,9 +23,9 @@ from lab.run import (
     BROKEN,
     INTERRUPTED,
     ONE_FAILS,
+    Waits,
     report_problems,
     say_slow,
-    say_waiting,
 )
 from lab.signals import stop_signals
 from netem.timeline import NEVER
@@ -72,9 +72,11 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     with TemporaryDirectory(prefix="formnet-verify-") as scratch:
         again = Recording(Path(scratch) / "run", recorded.scenario)
 
+        waits = Waits(console)
+
         def take(record: Record) -> None:
             again(record)
-            say_waiting(console, record)
+            waits.take(record)
 
         outcome = execute(again, take, stopped, inline=inline, until_ns=until_ns)
         again.close()
