@@ -23,6 +23,7 @@ from lab.check import describe
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
 from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, report_problems, times
+from lab.telling import told
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -314,15 +315,9 @@ def _moment(event: Event) -> Moment:
         "silent at the end",
         "waiting",
     )
-    if event.kind == "network":
-        told = str(event.details.get("what", ""))
-    else:
-        told = "; ".join(
-            f"{name} {', '.join(map(str, value)) if isinstance(value, list) else value}"
-            for name, value in event.details.items() if value not in (None, "")
-        )  # fmt: skip
-    told = told if len(told) <= _MOST_LETTERS else told[:_MOST_LETTERS] + "…"
-    return Moment(event.t_ns / 1e9, event.kind, told, "bad" if bad else "")
+    words = told(event.kind, event.details)
+    words = words if len(words) <= _MOST_LETTERS else words[:_MOST_LETTERS] + "…"
+    return Moment(event.t_ns / 1e9, event.kind, words, "bad" if bad else "")
 
 
 def _pictures(run: Recorded) -> Iterator[Picture]:

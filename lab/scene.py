@@ -22,6 +22,7 @@ from formation.roster import Roster
 from formation.scenario import Scenario
 from lab.canvas import COLOURS, around, bowed, bows
 from lab.layout import blueprint, half_width
+from lab.telling import told
 from netem.link import DELIVERED, DUPLICATED
 from netem.tables import nanoseconds
 from netem.timeline import NEVER, Timeline
@@ -246,14 +247,7 @@ class Scene:
             self._say(t_ns, wall_ns, "network", {"what": what})
 
     def _say(self, t_ns: int, wall_ns: int, kind: str, details: dict[str, Any]) -> None:
-        if kind == "timing":  # robots by name, each with a table
-            robots = details["robots"].values()
-            missed, periods = (sum(own[key] for own in robots) for key in ("missed", "periods"))
-            details = {"what": f"{missed} of {periods} periods missed (verdict.json has all)"}
-        words = "; ".join(
-            value if name in ("what", "reason") else f"{name} {value}"
-            for name, value in details.items() if value not in ("", None)
-        )  # fmt: skip
+        words = told(kind, details)
         stream = self._stream
         stream.set_time("sim_time", duration=np.timedelta64(t_ns, "ns"))
         stream.set_time("wall_time", timestamp=np.datetime64(wall_ns, "ns"))

@@ -181,7 +181,7 @@ def test_the_page_tells_what_held_and_why(recorded):
     assert judged["why"] in text
     assert "Judged without robot 4, down at the end." in text
     assert judged["trajectory_sha256"] in text
-    assert "0.200 kill robots 4" in text
+    assert "0.200 kill robot 4" in text
     assert "0.100 network cut 1→2, in flight kept" in text
     assert "formnet run scenario.toml --inline formnet verify ." in text
     assert "robots.3.damping" not in text  # a robot's own values are in the table of robots
