@@ -347,7 +347,6 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
         (["replay", "empty"], "has no run.rrd"),
         (["replay", "nonsuch"], "nonsuch: no such folder"),
         (["replay", str(SECTION5)], "is a file"),
-        (["monitor", str(SECTION5)], "is a file; give the folder of a run"),
         (["run", str(SECTION5), "--inline", "--web"], "formnet replay RUN shows it"),
     ]:
         code, said = formnet(*arguments)
