@@ -190,6 +190,12 @@ def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
     run.kill()
     run.wait()
     assert frames() > 10
+    cut, whole = tmp_path / "cut.rrd", tmp_path / "whole.rrd"
+    cut.write_bytes(file.read_bytes()[:-1234])  # in the middle of a write
+    for words in (["merge", cut, "-o", whole], ["verify", whole]):
+        done = subprocess.run([binary(), "rrd", *words], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert len(columns(whole, "/field/robots", "Points2D:positions")) > 10
     code, said = formnet("monitor", out)
     assert code == 2, said  # live.json is there still, the run is not
     assert "cannot reach" in said
