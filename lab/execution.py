@@ -26,8 +26,7 @@ def execute(
     ``sink`` passes them on to ``recording``. ``refresh`` is called now and then. The logs of a
     distributed run's processes are put into the recording's folder, and that of a law that raised
     in an inline one; ``place`` says where processes are, and ``begun`` is told where they meet
-    before the robots are started. From ``until_ns`` on nothing is
-    needed any more.
+    before the robots are started. The run may end at ``until_ns``.
 
     Raises:
         HostUnreachable: a robot's host cannot be reached.

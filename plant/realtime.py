@@ -169,7 +169,7 @@ class RealtimePlant(Host):
         elif robot in self._scenario.ids and robot not in self._joined:
             self._joined.add(robot)
             self._sensed.pop(robot, None)
-            self._driven.pop(robot, None)
+            self._driven[robot] = -1, self._t_ns()
             tick = self._t_ns() // self._scenario.clock.control_period_ns
             self._tell(robot, Brief(self._brief, tick, []))
 

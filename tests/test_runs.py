@@ -483,15 +483,19 @@ def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, m
     assert "ZeroDivisionError: division by zero\n" in log
 
 
+EXIT = "exit(1)", "SystemExit: 1"
+INTERRUPT = "(_ for _ in ()).throw(KeyboardInterrupt)", "KeyboardInterrupt"
+
+
 @pytest.mark.parametrize(
-    ("leave", "named"),
+    ("mode", "leave", "named"),
     [
-        ("exit(1)", "SystemExit: 1"),
-        ("(_ for _ in ()).throw(KeyboardInterrupt)", "KeyboardInterrupt"),
+        ("clock.mode=lockstep", *EXIT),
+        ("clock.mode=realtime", *EXIT),
+        ("clock.mode=lockstep", *INTERRUPT),
+        ("--inline", *INTERRUPT),
     ],
-    ids=["exit", "interrupt"],
 )
-@pytest.mark.parametrize("mode", ["clock.mode=lockstep", "clock.mode=realtime", "--inline"])
 def test_a_law_that_leaves_ends_the_run_with_its_name(start, tmp_path, mode, leave, named):
     """Neither is a way out of a robot's process."""
     body = f"return {leave} if self.robot == 4 and now_ns > 10**8 else (0.0, 0.0)"
