@@ -116,7 +116,7 @@ RAISED = (Exception, SystemExit, KeyboardInterrupt)
 
 def failure(robot: int, error: BaseException, law: object = None) -> LawFailed:
     """``error``, which came of a law, with the law's own line, or where ``law`` is defined."""
-    return LawFailed(robot, f"{_words(error)}{_line(error) or _begins(law)}")
+    return LawFailed(robot, f"{_words(error)}{place(error) or _begins(law)}")
 
 
 def _words(error: BaseException) -> str:
@@ -124,7 +124,7 @@ def _words(error: BaseException) -> str:
     return f"{kind}: {text}" if text else kind
 
 
-def _line(error: BaseException) -> str:
+def place(error: BaseException) -> str:
     """Where ``error`` left what somebody else has written, to follow other words."""
     frames = [
         frame
@@ -136,7 +136,7 @@ def _line(error: BaseException) -> str:
 
 
 def _begins(law: object) -> str:
-    """Where ``command`` of ``law`` begins, as :func:`_line` does; empty if it is compiled."""
+    """Where ``command`` of ``law`` begins, as :func:`place` does; empty if it is compiled."""
     code = getattr(getattr(law, "command", None), "__code__", None)
     return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
 
@@ -175,7 +175,7 @@ def load(kind: str) -> LawFactory:
     except RAISED as error:
         raise UnknownLaw(
             f"law {kind!r} ({entries[kind].value}) cannot be imported: "
-            f"{_words(error)}{_line(error)}"
+            f"{_words(error)}{place(error)}"
         ) from error
     return factory
 
@@ -243,7 +243,7 @@ def accepts(scenario: Scenario) -> str | None:
         try:
             factory(situation(scenario, robot))
         except ValueError as error:
-            return f"law {scenario.law.kind!r} refuses robot {robot}: {error}{_line(error)}"
+            return f"law {scenario.law.kind!r} refuses robot {robot}: {error}{place(error)}"
         except RAISED as error:
             return f"law {scenario.law.kind!r} fails for robot {robot}: {failure(robot, error)}"
     return None

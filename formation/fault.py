@@ -1,6 +1,6 @@
 """``kill``, ``restart``, ``pause`` and ``resume``: what happens to robots."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -90,11 +90,18 @@ FaultAction = KillAction | RestartAction | PauseAction | ResumeAction
 
 
 class FaultError(ValueError):
-    """Action ``index`` of the timeline cannot happen; the text says to whom and why."""
+    """Actions of the timeline cannot happen; the text says to whom and why.
 
-    def __init__(self, index: int, why: str) -> None:
-        self.index = index
-        super().__init__(why)
+    ``problems`` holds that by the number of the action.
+    """
+
+    def __init__(self, problems: Mapping[int, str]) -> None:
+        self.problems = problems
+        super().__init__("; ".join(problems.values()))
+
+
+class _Impossible(Exception):
+    """Why an action cannot happen."""
 
 
 _NEEDS: dict[Verb, tuple[str, ...]] = {
@@ -127,7 +134,7 @@ def spans_of(
     happens at the next.
 
     Raises:
-        FaultError: an action that cannot happen, such as the restart of a robot that lives.
+        FaultError: actions that cannot happen, such as the restart of a robot that lives.
     """
     ahead: list[tuple[int, int, int, Verb, FaultyRobots | None]] = []
     for index, action in actions:
@@ -145,20 +152,31 @@ def spans_of(
             ahead.append((-(-end_ns // period_ns), index, 1, verb, None))
     states = {robot: _State() for robot in robots}
     chosen: dict[int, list[int]] = {}
+    problems: dict[int, str] = {}
     for tick, index, _, verb, whom in sorted(ahead, key=lambda item: item[:3]):
-        if whom is not None:
-            chosen[index] = _chosen(whom, verb, states, seed, index)
-        for robot in chosen[index]:
-            state = states[robot]
-            if state.now not in _NEEDS[verb]:
-                raise FaultError(index, f"cannot {verb} robot {robot}: it {_WORDS[state.now]} then")
-            reborn = bool(state.spans) and state.spans[-1].killed and state.spans[-1].end == tick
-            if (state.now != "up" and state.since == tick) or reborn:
-                raise FaultError(index, f"cannot {verb} robot {robot} twice at one tick")
-            state.become(_BECOMES[verb], tick)
+        if index in problems:
+            continue
+        try:
+            if whom is not None:
+                chosen[index] = _chosen(whom, verb, states, seed, index)
+            for robot in chosen[index]:
+                _happen(verb, robot, states[robot], tick)
+        except _Impossible as error:
+            problems[index] = str(error)
+    if problems:
+        raise FaultError(problems)
     for state in states.values():
         state.become("up", NEVER)
     return {robot: state.spans for robot, state in states.items() if state.spans}
+
+
+def _happen(verb: Verb, robot: int, state: _State, tick: int) -> None:
+    if state.now not in _NEEDS[verb]:
+        raise _Impossible(f"cannot {verb} robot {robot}: it {_WORDS[state.now]} then")
+    reborn = bool(state.spans) and state.spans[-1].killed and state.spans[-1].end == tick
+    if (state.now != "up" and state.since == tick) or reborn:
+        raise _Impossible(f"cannot {verb} robot {robot} twice at one tick")
+    state.become(_BECOMES[verb], tick)
 
 
 def _chosen(
@@ -168,7 +186,7 @@ def _chosen(
         return list(states) if whom == "*" else list(dict.fromkeys(named(whom)))
     candidates = [robot for robot, state in states.items() if state.now in _NEEDS[verb]]
     if len(candidates) < whom.random:
-        raise FaultError(index, f"random = {whom.random}: {verb} can happen to {len(candidates)}")
+        raise _Impossible(f"random = {whom.random}: {verb} can happen to {len(candidates)}")
     random = stream(seed, "timeline", index, "robots")
     drawn = sorted((random.random(), robot) for robot in candidates)[: whom.random]
     return [robot for _, robot in sorted(drawn, key=lambda item: candidates.index(item[1]))]

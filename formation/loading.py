@@ -15,7 +15,7 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from formation.fault import FaultAction, FaultError
+from formation.fault import FaultAction, FaultError, spans_of
 from formation.scenario import Scenario
 from formation.selectors import named
 from netem.problems import Place, Problem, problems, shown
@@ -217,6 +217,7 @@ def _cross_check(scenario: Scenario) -> list[Problem]:
         *_check_edges(scenario),
         *_check_coupling(scenario),
         *_check_selectors(scenario),
+        *_check_faults(scenario),
         *_check_window(scenario),
         *_check_hosts(scenario),
     ]
@@ -336,11 +337,20 @@ def _check_links(scenario: Scenario) -> Iterator[Problem]:
                 return
 
 
-def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
+def _check_faults(scenario: Scenario) -> Iterator[Problem]:
+    period_ns = max(1, scenario.clock.control_period_ns)
+    known = [
+        (k, action) for k, action in enumerate(scenario.timeline)
+        if isinstance(action, FaultAction) and set(scenario.ids).issuperset(action.named_robots())
+    ]  # fmt: skip
     try:
-        scenario.roster()
+        spans_of(known, scenario.ids, scenario.seed, period_ns)
     except FaultError as error:
-        yield Problem(f"timeline[{error.index}]", None, str(error))
+        for index, why in error.problems.items():
+            yield Problem(f"timeline[{index}]", None, why)
+
+
+def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
     links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
     for index, entry in links:
         if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):

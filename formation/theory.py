@@ -159,8 +159,8 @@ def _split(scenario: Scenario) -> list[str]:
     if len(groups) < 2:
         return []
     return [
-        f"from {since_ns / 1e9:g} s to the end, the robots that are up do not all hear of each "
-        f"other: they fall into {_in_braces(groups)}"
+        f"from {since_ns / 1e9:g} s on, the robots that are up do not all hear of each other; at "
+        f"the end they fall into {_in_braces(groups)}"
     ]
 
 

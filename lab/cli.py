@@ -241,7 +241,8 @@ def monitor(
     RUN is its folder, by default the newest below runs. The monitor only listens: the run does
     not notice it, whatever becomes of it. Without --web or --save it opens a window.
 
-    Exit code 0: the run was seen to its end; 1: it broke off; 2: there is nothing to watch.
+    Exit code 0: the run was seen to its end; 1: it broke off; 2: there is nothing to watch; 130:
+    interrupted before its end.
     """
     if connect is not None and folder is not None:
         raise click.UsageError("RUN is a run on this machine: it and --connect exclude each other")

@@ -8,7 +8,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 
-from agent.law import RAISED, LawFailed, failure, make
+from agent.law import RAISED, LawFailed, failure, make, place
 from agent.robot import Robot
 from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
@@ -81,8 +81,9 @@ class _Run:
         except LawFailed as error:
             log(error.robot, "".join(traceback.format_exception(error.__cause__)))
             return self._finish("failed", error.robot, str(error))
-        except Stop:
-            return self._finish("interrupted", None, "stopped by the user")
+        except Stop as stop:
+            where = f"in the law of robot {self.at_work}{place(stop)}"
+            return self._finish("interrupted", None, f"stopped by the user, {where}")
         if not world.finished:
             return self._finish("interrupted", None, "as far as it was to go")
         if world.diverged is not None:

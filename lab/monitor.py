@@ -25,6 +25,7 @@ from formation.scenario import Scenario
 from formation.security import MONITOR, Credentials
 from lab import lyapunov
 from lab.recording import Collected
+from lab.run import ALL_HOLD, INTERRUPTED, ONE_FAILS
 from lab.scene import LINKS_LATE_NS, Scene
 from lab.viewer import Viewer
 
@@ -155,7 +156,7 @@ class Monitor:
         self._stream = rr.RecordingStream("formnet", recording_id=source.run)
         sinks = [rr.GrpcSink(url)] if url is not None else []
         self._stream.set_sinks(*sinks, *([rr.FileSink(str(file))] if file is not None else []))
-        self._scene = Scene(source.scenario, self._stream)
+        self._scene = Scene(source.scenario, self._stream, live=True)
         self._lyapunov_ns, self._lyapunov_at = -1, time.monotonic() + _LYAPUNOV_S
 
     def run(self, stopped: threading.Event) -> bool:
@@ -171,6 +172,10 @@ class Monitor:
         self._draw_lyapunov(last=True)
         self._stream.flush()
         return self._collected.outcome is not None
+
+    def close(self) -> None:
+        """Take leave of the viewer, before it is gone."""
+        self._stream.disconnect()
 
     def _draw(self) -> None:
         for record in self._feed.take():
@@ -218,12 +223,18 @@ def watch(source: Source, *, view: str | None, file: Path | None, stopped: threa
         if viewer is not None and viewer.page is not None:
             stack.callback(viewer.close)
         monitor = Monitor(from_run, url=None if viewer is None else viewer.url, file=file)
+        stack.callback(monitor.close)
         page = viewer.page if viewer is not None else None
         print(f"watching {from_run.run}" + (f" at {page}" if page else ""), flush=True)
         complete = monitor.run(stopped)
         if from_run.missed:
             print(f"too slow: {from_run.missed} messages were missed", flush=True)
-        if page is not None and not stopped.is_set():
+        if file is not None:
+            part = "the run" if complete else "what was seen of the run"
+            print(f"{part} is in {file}", flush=True)
+        if not complete:
+            return INTERRUPTED if stopped.is_set() else ONE_FAILS
+        if page is not None:
             print("the run is over; the page stays until Ctrl-C", flush=True)
             stopped.wait()
-    return 0 if complete or stopped.is_set() else 1
+    return ALL_HOLD

@@ -97,7 +97,7 @@ def fresh_folder(folder: Path) -> Path:
     except OSError as error:
         raise OSError(f"{folder} cannot be made: {error.strerror}") from None
     if taken:
-        raise RunExists(f"{folder} exists already; a run is never overwritten")
+        raise RunExists(f"{folder} exists already; nothing is ever overwritten")
     return folder
 
 

@@ -23,7 +23,7 @@ from lab.check import describe
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
 from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, report_problems, times
-from lab.telling import told
+from lab.telling import named, told
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -223,6 +223,9 @@ def _headline(run: Recorded, standing: str) -> str:
     if standing == verdict.OBSERVED:
         seen = [CLAIM_TITLES[name][0] for name, c in judged["claims"].items() if c["observed"]]
         return f"Nothing was claimed. Observed: {', '.join(seen) or 'none of the equations'}."
+    if standing == "lost" and outcome["kind"] == "completed":
+        who = named([item["robot"] for item in judged["robots"]["lost"]])
+        return f"Nothing was claimed, and not every robot lasted: it lost {who}."
     who = "" if outcome["robot"] is None else f", robot {outcome['robot']}"
     reason = outcome["reason"].rstrip(".") or "nothing says why"
     return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s{who}: {reason}."
@@ -255,7 +258,7 @@ def _notes(run: Recorded) -> Iterator[str]:
     if not judged["robots"]["judged"]:
         yield "Nobody is judged: every robot was down at the end."
     elif down := judged["robots"]["down_at_the_end"]:
-        yield f"Judged without robot {', '.join(map(str, down))}, down at the end."
+        yield f"Judged without {named(down)}, down at the end."
     for lost in judged["robots"]["lost"]:
         yield f"Robot {lost['robot']} was lost at t = {lost['t_s']:.3f} s: {lost['reason']}"
     if (rises := verdict.rises_in_words(judged)) is not None:

@@ -24,6 +24,7 @@ from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.recording import Recording, RunExists
 from lab.signals import stop_signals
+from lab.telling import named
 from netem.problems import Problem
 
 if TYPE_CHECKING:
@@ -143,9 +144,9 @@ class Waits:
         self._times = self._times + 1 if record.details == self._last else 1
         self._last = record.details
         if self._times & (self._times - 1) == 0:
-            robots = ", ".join(map(str, record.details["robots"]))
             self._console.print(
-                f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for robot {robots} to "
+                f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for "
+                f"{named(record.details['robots'])} to "
                 + escape(record.details["for"]), soft_wrap=True,
             )  # fmt: skip
 
@@ -261,10 +262,7 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     if not robots["judged"]:
         console.print("nobody is judged: every robot was down at the end")
     elif robots["down_at_the_end"]:
-        console.print(
-            f"judged without robot {', '.join(map(str, robots['down_at_the_end']))}, "
-            "which was down at the end"
-        )
+        console.print(f"judged without {named(robots['down_at_the_end'])}, down at the end")
     for item in judged["messages"]["rejected"]:
         console.print(
             f"[yellow]rejected:[/] robot {item['robot']} refused messages from "
@@ -355,21 +353,21 @@ class _Watch:
         if isinstance(record, Event):
             if record.kind == "started":
                 self._started = time.monotonic()
+                if not self._console.is_terminal:  # which sees the bar
+                    self._console.print(f"started with {named(record.details['robots'])}")
             elif record.kind == "last tick":
                 self._ended = time.monotonic()
             elif record.kind == "host lost":
                 self._console.print(
-                    f"[red]host lost:[/] {record.details['host']}, with robot "
-                    f"{', '.join(map(str, record.details['robots']))}: "
+                    f"[red]host lost:[/] {record.details['host']}, with "
+                    f"{named(record.details['robots'])}: "
                     + escape(record.details["reason"]), soft_wrap=True,
                 )  # fmt: skip
             elif record.kind == "silent at the end":
                 self._console.print(
-                    "[yellow]silent at the end:[/] robot "
-                    + ", ".join(map(str, record.details["robots"]))
-                    + ": its last report is missing, so not all that became of messages is known",
-                    soft_wrap=True,
-                )
+                    f"[yellow]silent at the end:[/] {named(record.details['robots'])}: what became "
+                    "of messages since the last report is not known", soft_wrap=True,
+                )  # fmt: skip
             self._waits.take(record)
 
     def refresh(self) -> None:

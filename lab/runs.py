@@ -65,6 +65,10 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
         console.print(f"[red]{escape(str(folder))}:[/] is no folder; formnet run makes runs/ where "
                       "it is called", soft_wrap=True)  # fmt: skip
         return BAD_INPUT
+    if (folder / "events.jsonl").exists():
+        console.print(f"[red]{escape(str(folder))}:[/] is one run; give the folder that it is in",
+                      soft_wrap=True)  # fmt: skip
+        return BAD_INPUT
     entries, others = look_into(folder)
     if as_json:
         print(json.dumps([entry.as_json() for entry in entries], indent=2, ensure_ascii=False))

@@ -24,7 +24,7 @@ def described() -> Iterator[tuple[str, str]]:
 
 
 def find(argument: str) -> Path:
-    """The file that ``argument`` means: one that is there, a run folder's, or a packaged scenario.
+    """The file that ``argument`` means: one that is there, a packaged scenario, or a run folder's.
 
     Packaged ones go by their name, with or without its folder: ``section5-delay``.
 
@@ -34,13 +34,13 @@ def find(argument: str) -> Path:
     path = Path(argument)
     if path.exists() and not path.is_dir():
         return path
-    if (path / "scenario.toml").is_file():
-        return path / "scenario.toml"
     names = packaged()
     short = {name.rpartition("/")[2]: name for name in names}
     name = short.get(argument, argument)
-    if name in names:
+    if name in names:  # also where a run's folder has that name: ./yard is another word
         return names[name]
+    if (path / "scenario.toml").is_file():
+        return path / "scenario.toml"
     here = {file.stem: str(file) for file in path.parent.glob("*.toml")}
     near = get_close_matches(path.stem, known := short | here, n=3, cutoff=0.5)
     hint = f"did you mean {', '.join(known[word] for word in near)}? " if near else ""

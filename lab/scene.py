@@ -9,6 +9,7 @@ Rerun's two-dimensional views have y downwards: the field is drawn with -y. Posi
 """
 
 from collections.abc import Iterator, Sequence
+from colorsys import hsv_to_rgb
 from itertools import groupby
 from typing import Any
 
@@ -49,10 +50,16 @@ Array = NDArray[Any]
 
 
 class Scene:
-    """Draws a run of ``scenario`` into ``stream``."""
+    """Draws a run of ``scenario`` into ``stream``.
 
-    def __init__(self, scenario: Scenario, stream: rr.RecordingStream) -> None:
-        self._scenario, self._stream = scenario, stream
+    ``live``: somebody looks at the newest frame, so it has links as they were last known to be,
+    until more is known, and delay and loss come as soon as they are known.
+    """
+
+    def __init__(
+        self, scenario: Scenario, stream: rr.RecordingStream, *, live: bool = False
+    ) -> None:
+        self._scenario, self._stream, self._live = scenario, stream, live
         self._links = scenario.directed_links
         self._bows = _bows(scenario)
         self._stride = _stride(scenario, self._bows)
@@ -65,7 +72,8 @@ class Scene:
         self._anchors: list[tuple[int, int]] = []  # instants, and when they were heard of
         self._heard = _Heard(scenario)
         self._to_link: list[tuple[int, Array]] = []  # frames whose links are not known yet
-        self._traffic = _Traffic(scenario, stream)
+        self._colours = np.full((1, len(self._links)), _GREY, dtype=np.uint32)  # as last known
+        self._traffic = _Traffic(scenario, stream, together=1 if live else _TOGETHER)
         self._begin()
 
     def take(self, record: Record, wall_ns: int) -> None:
@@ -227,13 +235,21 @@ class Scene:
         """The links of frames up to ``known_ns``."""
         ready = [frame for frame in self._to_link if frame[0] <= known_ns]
         self._to_link = self._to_link[len(ready) :]
-        if not ready or not self._links:
+        if not self._links:
             return
-        t_ns = np.array([t for t, _ in ready])
+        if ready:
+            self._colours = self._heard.colours(np.array([t for t, _ in ready]))
+            self._send_links(ready, self._colours)
+        if self._live and self._to_link:
+            self._send_links(self._to_link[-1:], self._colours[-1:])
+
+    def _send_links(self, frames: list[tuple[int, Array]], colours: Array) -> None:
+        """The links of ``frames`` in ``colours`` (frames, links)."""
+        t_ns = np.array([t for t, _ in frames])
         column = {robot: k for k, robot in enumerate(self._scenario.ids)}
         ends = np.array([(column[a], column[b]) for a, b in self._links])
-        lines = _beside(np.array([places for _, places in ready])[:, ends], 0.006 * self._size)
-        colours, cut = self._heard.at(t_ns)
+        lines = _beside(np.array([places for _, places in frames])[:, ends], 0.006 * self._size)
+        cut = self._heard.cut(t_ns)
         parts = np.where(cut, _DASHES, np.where(self._bows != 0.0, _BENDS, 1))  # (frames, links)
         bows, gaps = (np.broadcast_to(x, parts.shape).reshape(-1) for x in (self._bows, cut))
         strips = _strips(lines.reshape(-1, 2, 2), bows, parts.reshape(-1), gaps)
@@ -278,10 +294,17 @@ class _Heard:
         if row.t_usable_ns is not None and row.fate in (DELIVERED, DUPLICATED):
             self._ahead[row.source, row.destination].append((row.t_usable_ns, row.t_sent_ns))
 
-    def at(self, t_ns: Array) -> tuple[Array, Array]:
-        """Every link's colour and whether it is cut, (instants, links); instants ascend."""
+    def cut(self, t_ns: Array) -> NDArray[np.bool_]:
+        """Whether each link is cut, (instants, links)."""
+        cut = np.empty((len(t_ns), len(self._links)), dtype=bool)
+        for k, link in enumerate(self._links):
+            at_ns, state = self._cuts[link]
+            cut[:, k] = state[np.searchsorted(at_ns, t_ns, side="right") - 1]
+        return cut
+
+    def colours(self, t_ns: Array) -> Array:
+        """Every link's colour, (instants, links); instants ascend, over all calls."""
         colours = np.empty((len(t_ns), len(self._links)), dtype=np.uint32)
-        cut = np.empty(colours.shape, dtype=bool)
         for k, link in enumerate(self._links):
             ahead = sorted(self._ahead[link])
             usable, sent = np.array([(-1, self._newest[link]), *ahead]).T
@@ -291,9 +314,7 @@ class _Heard:
             self._ahead[link] = ahead[place[-1] :]
             age = (t_ns - newest[place]) / self._stale_ns
             colours[:, k] = np.where(newest[place] < 0, _GREY, _by_age(age))
-            at_ns, state = self._cuts[link]
-            cut[:, k] = state[np.searchsorted(at_ns, t_ns, side="right") - 1]
-        return colours, cut
+        return colours
 
 
 def _cuts(timeline: Timeline) -> tuple[Array, Array]:
@@ -308,10 +329,13 @@ def _cuts(timeline: Timeline) -> tuple[Array, Array]:
 
 
 class _Traffic:
-    """Mean delay and share of losses of every link, by stretches of the run."""
+    """Mean delay and share of losses of every link, by stretches of the run.
 
-    def __init__(self, scenario: Scenario, stream: rr.RecordingStream) -> None:
-        self._stream = stream
+    So many are drawn ``together``, at least: each time has a cost.
+    """
+
+    def __init__(self, scenario: Scenario, stream: rr.RecordingStream, together: int) -> None:
+        self._stream, self._together = stream, together
         self._links = scenario.directed_links
         shortest = 10 * scenario.clock.broadcast_period_ns
         windows = max(10, min(MOST_WINDOWS, MOST_CELLS // (4 * len(self._links) or 1)))
@@ -319,18 +343,19 @@ class _Traffic:
         self._ended_ns = 0  # up to where it is drawn
         self._rows: dict[tuple[int, int], list[LinkRow]] = {link: [] for link in self._links}
         self._next: dict[tuple[int, int], int] = {}  # the first stretch that is not drawn
-        for source, destination in self._links:
-            for what in ("delay", "loss"):
-                _label(stream, f"links/{what}/{source}-{destination}", f"{source}→{destination}")
+        for number, (source, destination) in enumerate(self._links):
+            for what in ("delay", "loss"):  # of one colour in both
+                _label(stream, f"links/{what}/{source}-{destination}", f"{source}→{destination}",
+                       _hue(number, len(self._links)))  # fmt: skip
 
     def take(self, row: LinkRow) -> None:
         """Take in what became of one message."""
         self._rows[row.source, row.destination].append(row)
 
     def flush(self, known_ns: int, times: Any) -> None:
-        """Draw the stretches that ended up to ``known_ns``, several at once: each has a cost."""
+        """Draw the stretches that ended up to ``known_ns``."""
         ended_ns = known_ns // self._window_ns * self._window_ns
-        if ended_ns - self._ended_ns < _TOGETHER * self._window_ns:
+        if ended_ns - self._ended_ns < self._together * self._window_ns:
             return
         self._ended_ns = ended_ns
         for link, rows in self._rows.items():
@@ -422,6 +447,12 @@ def _rgba(count: int) -> Array:
     return np.array([
         int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(count)
     ], dtype=np.uint32)  # fmt: skip
+
+
+def _hue(number: int, of: int) -> int:
+    """The colour of one of so many, round the circle of hues, as RGBA."""
+    red, green, blue = (round(255 * part) for part in hsv_to_rgb(number / of, 0.75, 0.8))
+    return red << 24 | green << 16 | blue << 8 | 0xFF
 
 
 def _by_age(share: Array) -> Array:

@@ -1,6 +1,6 @@
-"""Events in words, for the page of a run and for Rerun's text log."""
+"""Events in words, for the terminal, the page of a run and Rerun's text log."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
@@ -20,6 +20,9 @@ def _told(name: str, value: object) -> str:
         return str(value)
     if not isinstance(value, list):
         return f"{name} {value}"
-    if name == "robots" and len(value) == 1:
-        name = "robot"
-    return f"{name} {', '.join(map(str, value))}"
+    return named(value) if name == "robots" else f"{name} {', '.join(map(str, value))}"
+
+
+def named(robots: Sequence[object]) -> str:
+    """``robot 3``, or ``robots 3, 4``."""
+    return f"robot{'s' * (len(robots) != 1)} {', '.join(map(str, robots))}"

@@ -122,7 +122,7 @@ def claimed(verdict: Mapping[str, Any]) -> dict[str, bool | None]:
 def standing(verdict: Mapping[str, Any]) -> str:
     """How a run stands in a word: whether what was claimed holds, or else how the run ended.
 
-    OBSERVED: it completed, and nothing was claimed.
+    OBSERVED: it completed with every robot, and nothing was claimed.
     """
     kind = str(verdict["outcome"]["kind"])
     holds = claimed(verdict).values()
@@ -132,13 +132,14 @@ def standing(verdict: Mapping[str, Any]) -> str:
         return HOLDS
     if kind == "diverged":
         return kind
-    return OBSERVED if not holds else FAILS if False in holds else NOT_JUDGED
+    if not holds:
+        return "lost" if verdict["robots"]["lost"] else OBSERVED
+    return FAILS if False in holds else NOT_JUDGED
 
 
 def passed(verdict: Mapping[str, Any]) -> bool:
     """Whether all that was claimed holds or, without claims, the run completed with every robot."""
-    how = standing(verdict)
-    return how == HOLDS or (how == OBSERVED and not verdict["robots"]["lost"])
+    return standing(verdict) in (HOLDS, OBSERVED)
 
 
 def error_series(

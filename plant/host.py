@@ -297,7 +297,7 @@ class Host:
                 self._sink(Event("silent at the end", self._t_ns(), {"robots": sorted(leaving)}))
                 return self._miss(sorted(leaving), outcome)
             since, heard = time.monotonic(), heard + 1
-            if isinstance(message, End):
+            if isinstance(message, End | Failed):  # who fails says nothing more
                 leaving.discard(message.robot)
             elif isinstance(message, Outcome):
                 hasty = hasty or message.kind == "interrupted"

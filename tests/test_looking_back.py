@@ -365,6 +365,8 @@ def test_the_index_never_takes_the_place_of_another_page(copy):
         ("completed", True, True, "holds"),
         ("completed", False, False, "FAILS"),
         ("completed", None, None, "observed"),
+        ("completed, a robot lost", None, None, "lost"),
+        ("completed, a robot lost", True, True, "holds"),
         ("diverged", False, True, "holds"),
         ("diverged", True, False, "diverged"),
         ("diverged", None, None, "diverged"),
@@ -374,7 +376,11 @@ def test_the_index_never_takes_the_place_of_another_page(copy):
     ],
 )
 def test_standing(kind, expected, holds, word):
-    judged = {"outcome": {"kind": kind}, "claims": {"x": {"expected": expected, "holds": holds}}}
+    kind, _, lost = kind.partition(", ")
+    judged = {
+        "outcome": {"kind": kind}, "claims": {"x": {"expected": expected, "holds": holds}},
+        "robots": {"lost": [{"robot": 1}] if lost else []},
+    }  # fmt: skip
     assert runs.standing(judged, None, running=False) == word
 
 

@@ -195,12 +195,15 @@ KILL = '{at_s=2.0,action="kill",robots=2}'
 @pytest.mark.parametrize(
     ("timeline", "groups"),
     [
-        (f"{CUT},{KILL}", "they fall into {1, 5}, {3, 4}"),
-        (f'{CUT},{KILL},{{at_s=3.0,action="cut",links=[[5,1]]}}', "from 2 s to the end"),
+        (f"{CUT},{KILL}", "from 2 s on, the robots that are up"),
+        (
+            f'{CUT},{KILL},{{at_s=3.0,action="cut",links=[[5,1]]}}',
+            "at the end they fall into {1}, {3, 4}, {5}",
+        ),
         (f'{CUT},{KILL},{{at_s=3.0,action="heal"}}', None),
         (f'{CUT},{KILL},{{at_s=9.0,action="restart",robots=2}}', None),
         (f'{CUT},{KILL},{{at_s=3e3,action="restart",robots=2}}', "{1, 5}, {3, 4}"),
-        ('{at_s=1.0,action="partition",shape="halves"}', "from 1 s to the end"),
+        ('{at_s=1.0,action="partition",shape="halves"}', "from 1 s on"),
         (f"{CUT}", None),
         (f"{KILL}", None),
         ('{at_s=1.0,action="kill",robots=[1,2,3,4,5]}', None),

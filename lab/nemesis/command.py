@@ -102,7 +102,7 @@ def _unfit(scenario: Scenario) -> str | None:
     if scenario.clock.mode == "realtime":
         return 'clock.mode = "realtime": must be "lockstep", in which runs repeat to the bit'
     if scenario.timeline:
-        return "timeline: must be empty: the nemesis makes its own"
+        return "timeline: must be empty: the nemesis makes its own (--set timeline=[])"
     if scenario.run.on_unscheduled_loss == "abort":
         return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
     if not scenario.directed_links:
