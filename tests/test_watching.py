@@ -12,6 +12,7 @@ import time
 import numpy as np
 import psutil
 import pytest
+import rerun as rr
 from click.testing import CliRunner
 from conftest import missing
 from playwright.sync_api import sync_playwright
@@ -27,6 +28,7 @@ from lab.launch import LocalChild, Place, free_port
 from lab.recording import Recording, read_states, trajectory_sha256
 from lab.rrd import RunFile
 from lab.scenarios import CONFIGS
+from lab.scene import Scene
 from lab.viewer import binary
 
 PATIENCE_S = 60.0
@@ -121,6 +123,28 @@ def test_a_cut_link_is_dashed_and_a_dead_robot_grey(recorded):
     ages = dict(columns(file, "/field/links", "LineStrips2D:colors"))
     assert len(set(ages[0.3])) == 1  # all were heard alike
     assert len(set(ages[0.85])) > 1  # the cut one is older
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_who_watches_live_sees_links_where_the_robots_are(recorded, tmp_path, live):
+    """What became of messages is known later; a file waits for it."""
+    file = tmp_path / "seen.rrd"
+    stream = rr.RecordingStream("formnet")
+    stream.save(file)
+    scene = Scene(load(SECTION5), stream, live=live)
+    samples = [sample for sample in read_states(recorded) if sample.t_ns <= 2_000_000_000]
+    scene.take(Samples(samples), 0)
+    scene.flush()
+    stream.flush()
+    stream.disconnect()
+    links = columns(file, "/field/links", "LineStrips2D:strips")
+    robots = columns(file, "/field/robots", "Points2D:positions")
+    assert robots[-1][0] == 2.0
+    assert links[-1][0] == (2.0 if live else 0.8)
+    ends = np.array(links[-1][1]).reshape(-1, 2)
+    there = np.array(dict(robots)[links[-1][0]])
+    gaps = np.linalg.norm(ends[:, None] - there[None], axis=-1).min(axis=1)
+    assert gaps.max() < 1.5  # m, of a field of 60: beside its robot
 
 
 def test_losses_and_delays_of_links(recorded):
