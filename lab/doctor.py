@@ -1,12 +1,15 @@
 """``formnet doctor``: what a run over these hosts needs and lacks, and what to do about it."""
 
 import json
+import os
 import shlex
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +21,7 @@ from formation.security import MONITOR, PLANT
 from lab.build import install
 from lab.probe import certificate, probe
 from lab.run import ALL_HOLD, BAD_INPUT, ONE_FAILS
+from lab.viewer import ViewerFailed, binary
 
 if TYPE_CHECKING:
     from lab.hosts import Fleet
@@ -65,6 +69,13 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
     """Everything, one after another: this machine first."""
     here = probe(None, None, [])
     yield Check("here", "formnet", _versions(here))
+    yield from _watching()
+    for extra, package, purpose in (
+        ("hosts", "asyncssh", "robots on other hosts, and certificates"),
+        ("export", "mcap", "formnet export --format mcap"),
+    ):
+        missing = f"not installed; {purpose}: {install(extra)}"
+        yield Check("here", f"extra {extra}", purpose if find_spec(package) else missing)
     if keys is not None:
         for name in (PLANT, MONITOR):
             yield from _certificate("here", name, certificate(keys, name), None)
@@ -87,6 +98,18 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
             authority = certificate(keys, PLANT).get("authority_sha256")
         for host in hosts.hosts:
             yield from _of_host(fleet, host, hosts.listen, here, authority, open_=not trouble)
+
+
+def _watching() -> Iterator[Check]:
+    """Whether a run can be watched, and where."""
+    try:
+        found = binary()
+    except ViewerFailed as error:
+        yield Check("here", "viewer", "", str(error), "pip install --force-reinstall rerun-sdk")
+        return
+    shown = sys.platform != "linux" or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+    how = "--view and --web" if shown else "--web alone: there is no display for a window"
+    yield Check("here", "viewer", f"{found}; {how}")
 
 
 def _of_host(

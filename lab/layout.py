@@ -1,5 +1,6 @@
 """How a scene is laid out in Rerun's viewer, and how much of the plane is in sight."""
 
+from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,16 @@ def half_width(scenario: Scenario, places: Array = NOWHERE, half_m: float = 0.0)
     while half_m < farthest_m and half_m < _MOST_GROWN * first_m:
         half_m *= _GROWS
     return half_m
+
+
+def scale_bar(scenario: Scenario, half_m: float) -> tuple[Array, float]:
+    """A bar in the lower left corner of the field, (2, 2) as it is drawn, and its length (m)."""
+    rough = 0.5 * half_m
+    unit = 10.0 ** floor(log10(rough))
+    length = max(part * unit for part in (1.0, 2.0, 5.0) if part * unit <= rough)
+    centre = _centre(_known(scenario))
+    left, below = centre[0] - 0.95 * half_m, -centre[1] + 0.9 * half_m
+    return np.array([[left, below], [left + length, below]]), length
 
 
 def _centre(known: Array) -> Array:

@@ -22,7 +22,7 @@ from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, 
 from formation.roster import Roster
 from formation.scenario import Scenario
 from lab.canvas import COLOURS, around, bowed, bows
-from lab.layout import blueprint, half_width
+from lab.layout import blueprint, half_width, scale_bar
 from lab.telling import told
 from netem.link import DELIVERED, DUPLICATED
 from netem.tables import nanoseconds
@@ -140,6 +140,10 @@ class Scene:
             radii=[0.004 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
         stream.log("field/places", rr.Points2D.from_fields(
             radii=[0.009 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
+        bar, length = scale_bar(scenario, self._half)
+        stream.log("field/scale", rr.LineStrips2D(
+            [bar], radii=[0.003 * size], colors=[_GREY], labels=[f"{length:g} m"], show_labels=True,
+        ), static=True)  # fmt: skip
         for (name, unit), colour in zip(_ERRORS.items(), _rgba(len(_ERRORS)), strict=True):
             _label(stream, f"errors/{name}", f"log10 {name} ({unit})", int(colour))
         _label(stream, "lyapunov/v", "log10 V")

@@ -298,7 +298,9 @@ def python_that(tmp_path, name, code):
 def test_the_doctor_finds_nothing_where_all_is_well(network):
     code, said = doctor(network)
     assert code == 0, said
-    assert said.count("✓") == 1 + 2 + 1 + 3 * 4 + 5  # here: formnet, keys, port; hosts; robots
+    assert (
+        said.count("✓") == 4 + 2 + 1 + 3 * 4 + 5
+    )  # here: what there is, keys, port; hosts; robots
     assert "all is well" in said
 
 

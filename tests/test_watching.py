@@ -25,6 +25,7 @@ from lab import keys
 from lab.cli import main
 from lab.execution import execute
 from lab.launch import LocalChild, Place, free_port
+from lab.layout import scale_bar
 from lab.recording import Recording, read_states, trajectory_sha256
 from lab.rrd import RunFile
 from lab.scenarios import CONFIGS
@@ -145,6 +146,17 @@ def test_who_watches_live_sees_links_where_the_robots_are(recorded, tmp_path, li
     there = np.array(dict(robots)[links[-1][0]])
     gaps = np.linalg.norm(ends[:, None] - there[None], axis=-1).min(axis=1)
     assert gaps.max() < 1.5  # m, of a field of 60: beside its robot
+
+
+@pytest.mark.parametrize("size_m", [0.7, 3.0, 60.0, 2000.0])
+def test_the_scale_is_a_round_number_in_sight(size_m):
+    scenario = load(SECTION5)
+    bar, length = scale_bar(scenario, half_m := size_m / 2)
+    assert np.linalg.norm(bar[1] - bar[0]) == pytest.approx(length)
+    assert 0.2 * half_m < length <= 0.5 * half_m
+    assert f"{length:.0e}"[0] in "125"
+    middle = scale_bar(scenario, 1e-9)[0][0]
+    assert np.abs(bar - middle).max() < half_m
 
 
 def test_losses_and_delays_of_links(recorded):
