@@ -223,7 +223,7 @@ def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, ne
         assert judged["robots"]["judged"] == [1, 2, 5]
     (gone,) = [event for event in events(out) if event["event"] == "host lost"]
     assert (gone["host"], gone["robots"]) == ("beta", [3, 4])
-    assert "host lost: beta, with robot 3, 4: its connection has ended" in said
+    assert "host lost: beta, with robots 3, 4: its connection has ended" in said
 
 
 def test_faults_reach_robots_on_other_hosts(start, tmp_path):
