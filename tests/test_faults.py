@@ -138,6 +138,18 @@ def test_a_fault_that_cannot_happen_is_named(paper, case):
         paper("section5-delay", timeline(actions))
 
 
+def test_all_faults_that_cannot_happen_are_named_at_once(paper):
+    actions = [
+        kill(1.0, 9), '{action="restart", at_s=1.0, robots=2}', kill(2.0, 3),
+        '{action="resume", at_s=3.0, robots=3}', '{action="cut", at_s=1.0, links=[[1, 7]]}',
+    ]  # fmt: skip
+    with pytest.raises(ScenarioError) as caught:
+        paper("section5-delay", timeline(", ".join(actions)))
+    assert sorted(problem.place for problem in caught.value.problems) == [
+        "timeline[0]", "timeline[1]", "timeline[3]", "timeline[4]"
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [

@@ -337,6 +337,11 @@ def test_the_newest_run_comes_first(copy, tmp_path):
     assert [entry.folder.name for entry in entries] == ["copy", "a-older"]
 
 
+def test_list_of_one_run_says_where_to_look(recorded):
+    code, said = formnet("list", recorded)
+    assert (code, "is one run; give the folder that it is in" in said) == (2, True)
+
+
 def test_list_without_runs(tmp_path):
     assert formnet("list", tmp_path / "none")[0] == 2
     code, said = formnet("list", tmp_path)

@@ -51,6 +51,11 @@ def test_a_file_comes_before_a_packaged_scenario_and_a_folder_does_not(tmp_path,
     Path("yard").rmdir()
     Path("yard").touch()
     assert find("yard") == Path("yard")
+    Path("yard").unlink()
+    Path("yard").mkdir()
+    Path("yard", "scenario.toml").touch()  # a run's folder: ./yard
+    assert find("yard") == CONFIGS / "yard.toml"
+    assert find("./yard") == Path("yard/scenario.toml")
 
 
 @pytest.mark.parametrize("command", ["run", "check", "nemesis"])
