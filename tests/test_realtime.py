@@ -368,9 +368,11 @@ def test_robots_that_fail_in_real_time(start):
 
 @pytest.mark.parametrize("policy", ["continue", "abort"])
 def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
-    run = start("duration_s=4.0", "run.patience_s=3.0", f"run.on_unscheduled_loss={policy}")
-    run.until_event("started")
-    time.sleep(2.0)
+    run = start(
+        "duration_s=4.0", "run.patience_s=3.0", f"run.on_unscheduled_loss={policy}",
+        'timeline=[{action="pause", at_s=2.0, robots=3, resume_after_s=0.1}]',
+    )  # fmt: skip
+    run.until_event("resume")
     run.child(1).send_signal(signal.SIGSTOP)
     code = run.process.wait(60)
     judged, said = run.verdict(), " ".join(run.log.read_text().split())
