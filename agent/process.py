@@ -63,6 +63,8 @@ PATIENCE_S = 0.25
 """A robot that waits for neighbours says so within twice this, before the plant complains."""
 CATCH_UP_S = 2.0
 """How long nothing may come before a robot that ends gives up on messages that should be there."""
+LEAVE_S = 5.0
+"""How long a robot that has failed stays, at most, for the plant to hear of it."""
 _POLL_S = 0.005
 _FLUSH_ROWS = 200
 _REPORT_NS = 500_000_000
@@ -121,7 +123,8 @@ class RobotProcess:
                     scenario, self._id, run=self._run, law=law, first_tick=brief.tick
                 )
         except RAISED as error:  # a plug-in's constructor may
-            return self._fail(error)
+            self._fail(error)
+            return self._take_leave()
         gc.freeze()  # what start-up has made stays; do not scan it again and again
         self._subscriptions += [
             self._session.declare_subscriber(
@@ -141,7 +144,7 @@ class RobotProcess:
             doomed = isinstance(end, End) and end.reason == KILL
             self._flush(robot, last=LOST_DOWN if doomed else IN_FLIGHT)
         if isinstance(end, Failed):
-            return 3
+            return self._take_leave()
         self._send(End(self._id, end.reason, end.tick))
         if doomed:
             self._until_told(End)
@@ -152,9 +155,18 @@ class RobotProcess:
         end = end or loop.run(self._inbox)
         loop.report(last=True)
         if isinstance(end, Failed):
-            return 3
+            return self._take_leave()
         self._send(End(self._id, end.reason, end.tick))
         return 0
+
+    def _take_leave(self) -> int:
+        """Having failed, wait until the plant knows: whose process is gone before that is lost."""
+        deadline = time.monotonic() + LEAVE_S
+        message: Message | None = None
+        while not isinstance(message, End) and (left := deadline - time.monotonic()) > 0.0:
+            with suppress(queue.Empty):
+                message = self._inbox.get(timeout=left)
+        return 3
 
     # --- the main thread -----------------------------------------------------------
 
@@ -339,13 +351,12 @@ class RobotProcess:
         if sample.kind == zenoh.SampleKind.DELETE:
             self.stop("the plant is gone")
 
-    def _fail(self, error: BaseException) -> int:
+    def _fail(self, error: BaseException) -> None:
         traceback.print_exc()
         what = str(error) if isinstance(error, LawFailed) else f"{type(error).__name__}: {error}"
         failed = Failed(self._id, what[:MOST_TEXT])
         self._send(failed)
         self._inbox.put(failed)
-        return 3
 
 
 def main(

@@ -277,10 +277,12 @@ class Host:
     def _farewell(self, outcome: Outcome) -> Outcome:
         """Tell every robot that it is over, and take their last reports; how it really ended."""
         leaving = set(self._joined)
-        if outcome.kind in ("failed", "lost") and outcome.robot is not None:
-            leaving.discard(outcome.robot)
+        if outcome.kind == "lost":
+            leaving.discard(outcome.robot or 0)
         for robot in leaving:
             self._tell(robot, End(robot, outcome.kind, self._last_tick()))
+        if outcome.kind == "failed":
+            leaving.discard(outcome.robot or 0)
         hasty = outcome.kind == "interrupted"
         patience = Patience()
         since, heard = time.monotonic(), 0
@@ -297,14 +299,23 @@ class Host:
                 self._sink(Event("silent at the end", self._t_ns(), {"robots": sorted(leaving)}))
                 return self._miss(sorted(leaving), outcome)
             since, heard = time.monotonic(), heard + 1
-            if isinstance(message, End | Failed):  # who fails says nothing more
+            if isinstance(message, End):
                 leaving.discard(message.robot)
+            elif isinstance(message, Failed):  # it says nothing more
+                leaving.discard(message.robot)
+                if outcome.kind == "failed" and self._is_before(message.robot, outcome.robot):
+                    outcome = outcome._replace(robot=message.robot, reason=message.error)
             elif isinstance(message, Outcome):
                 hasty = hasty or message.kind == "interrupted"
             elif not isinstance(message, Turn | Vanished):
                 with suppress(Ended):
                     self._handle(message)
         return outcome
+
+    def _is_before(self, robot: int, other: int | None) -> bool:
+        """Whether a robot comes first in the scenario's file."""
+        ids = self._scenario.ids
+        return other in ids and ids.index(robot) < ids.index(other)
 
     def _tell(self, robot: int, message: Message) -> None:
         self._to_robots[robot].put(encode(message))

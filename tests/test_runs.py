@@ -483,6 +483,17 @@ def test_a_plug_in_law_that_raises_ends_the_run_with_its_name(start, tmp_path, m
     assert "ZeroDivisionError: division by zero\n" in log
 
 
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_where_the_law_raises_in_every_robot_nobody_counts_as_lost(start, tmp_path, mode):
+    env = install_law(tmp_path, "return 1 / 0, 0.0")
+    run = start("all", "law.kind=broken", "duration_s=1.0", f"clock.mode={mode}", env=env)
+    assert run.wait() == 3
+    kinds = {event["event"] for event in run.events()}
+    assert kinds.isdisjoint(["lost", "silent at the end"]), run.output()
+    assert run.verdict()["robots"]["lost"] == []
+    assert "ZeroDivisionError: division by zero (broken_law.py:5)" in run.output()
+
+
 EXIT = "exit(1)", "SystemExit: 1"
 INTERRUPT = "(_ for _ in ()).throw(KeyboardInterrupt)", "KeyboardInterrupt"
 
