@@ -100,7 +100,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     if found is None and sealed:
         extent = (
             f": {len(samples)} samples, {len(recorded.link_rows)} messages" if whole else
-            f" up to t = {until_ns / 1e9:g} s, where something unplanned happened: "
+            f" up to t = {until_ns / 1e9:g} s, where {_what_happened(judged, until_ns)}: "
             f"{len(samples)} of {len(recorded.samples)} samples"
         )  # fmt: skip
         console.print(f"{name}: [green]identical[/]{extent}", soft_wrap=True)
@@ -124,6 +124,14 @@ def _planned_until_ns(judged: Mapping[str, Any]) -> int:
     if judged["outcome"]["kind"] not in ("completed", "diverged"):
         unplanned.append(judged["outcome"]["t_s"])
     return min((round(t_s * 1e9) for t_s in unplanned), default=NEVER)
+
+
+def _what_happened(judged: Mapping[str, Any], at_ns: int) -> str:
+    """What the scenario does not say, and is not compared."""
+    outcome = judged["outcome"]
+    if outcome["kind"] in ("completed", "diverged") or round(outcome["t_s"] * 1e9) > at_ns:
+        return "something unplanned happened"
+    return f"the recorded run ended ({outcome['kind']}; whether it does so again is not looked at)"
 
 
 def _before(samples: Sequence[Sample], until_ns: int) -> list[Sample]:

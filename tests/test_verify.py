@@ -115,7 +115,7 @@ def test_a_run_that_ended_early_is_compared_up_to_there(copy):
     (copy / "verdict.json").write_text(json.dumps(judged))
     code, said = formnet("verify", copy)
     assert code == 0
-    assert "identical up to t = 0.2 s" in said
+    assert "identical up to t = 0.2 s, where the recorded run ended (interrupted; whether" in said
 
 
 def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_run(
