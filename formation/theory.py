@@ -41,7 +41,8 @@ def assess(scenario: Scenario) -> Assessment:
     smallest = smallest_eigenvalue(matrix, damping)
     margin = scenario.law.beta * smallest
     broken = _broken_assumptions(scenario)
-    gaps, disturbances = _uncovered(scenario), _disturbances(scenario)
+    gaps, apart = _uncovered(scenario), _split(scenario)
+    disturbances = [*_planned(scenario), *apart, *_imperfect_link(scenario)]
     theorem: int | None = None
     if broken or gaps or disturbances:
         why = "no theorem applies: " + "; ".join([*broken, *gaps, *disturbances])
@@ -52,7 +53,10 @@ def assess(scenario: Scenario) -> Assessment:
     )
     # To see what holds on an imperfect network, with failures, is what a run is for: no warning.
     beyond = bool(broken or gaps)
-    warnings = [*broken, *_expectation_warnings(scenario, theorem, claims, gaps, beyond=beyond)]
+    warnings = [
+        *broken,
+        *_expectation_warnings(scenario, theorem, claims, gaps, apart, beyond=beyond),
+    ]
     if theorem in (2, 4) and scenario.law.cross_term == "printed" and margin <= 0.25:
         warnings.append(
             f"law.cross_term: β λ_min(L + diag μ) = {margin:.3g} is not above 1/4, so the term "
@@ -98,12 +102,8 @@ def _uncovered(scenario: Scenario) -> list[str]:
     return gaps
 
 
-def _disturbances(scenario: Scenario) -> list[str]:
-    """What happens to robots and messages that no theorem allows."""
-    return [*_planned(scenario), *_split(scenario), *_imperfect_link(scenario)]
-
-
 def _planned(scenario: Scenario) -> list[str]:
+    """What happens to robots and to the network that no theorem allows."""
     found = []
     falls = [
         some for some in scenario.roster().happenings()
@@ -215,7 +215,7 @@ def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
 
 def _expectation_warnings(
     scenario: Scenario, theorem: int | None, claims: dict[str, bool], gaps: list[str],
-    *, beyond: bool,
+    apart: list[str], *, beyond: bool,
 ) -> list[str]:  # fmt: skip
     expect = scenario.expect
     if expect is None:
@@ -228,9 +228,7 @@ def _expectation_warnings(
         )
     stated = {claim: getattr(expect, claim) for claim in CLAIMS}
     if any(stated.values()):
-        warnings += [
-            f"[expect] claims what may not come about: {apart}" for apart in _split(scenario)
-        ]
+        warnings += [f"[expect] claims what may not come about: {since}" for since in apart]
     if beyond and any(stated.values()):
         warnings.append(
             "[expect] claims what no theorem covers" + (f": {'; '.join(gaps)}" if gaps else "")

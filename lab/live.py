@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from lab.recorded import not_a_folder
-
 FILE = "live.json"
 
 
@@ -30,8 +28,8 @@ def find(folder: Path | None) -> tuple[str, str]:
     """
     candidates = [folder / FILE] if folder is not None else list(Path("runs").glob(f"*/{FILE}"))
     there = [file for file in candidates if file.is_file()]
-    if folder is not None and (problem := not_a_folder(folder)) is not None:
-        raise LookupError(f"{folder}: {problem}")
+    if folder is not None and not folder.exists():
+        raise LookupError(f"{folder}: no such folder")
     if not there:
         where = folder or "runs"
         raise LookupError(
