@@ -20,6 +20,7 @@ from formation.messages import (
     Stamped,
     State,
     make,
+    run_tag,
 )
 from formation.record import LinkRow
 from formation.roster import Roster
@@ -55,7 +56,7 @@ class RobotBase:
 
     def __init__(self, scenario: Scenario, robot: int, run: str, law: Law, first_tick: int) -> None:
         self.robot = robot
-        self.run = run
+        self.tag = run_tag(run)
         self._law = law
         self._command: Callable[..., Any] = law.command  # a plug-in may return anything
         self._roster: Roster = scenario.roster()
@@ -216,7 +217,7 @@ class RobotBase:
         except MessageError as error:
             self._reject(source, str(error))
             return None
-        if message.run != self.run:
+        if message.tag != self.tag:
             self._reject(source, "another run")
         elif message.robot != source:
             self._reject(source, "claims to be another robot")

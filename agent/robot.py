@@ -133,7 +133,7 @@ class Robot(RobotBase):
     def _broadcast(self, sense: Sense) -> Outgoing:
         sequence = sense.tick // self._every
         stamp_ns = sense.tick * self._period_ns
-        payload = Broadcast(self.run, self.robot, sequence, stamp_ns, sense.state).pack()
+        payload = Broadcast(self.tag, self.robot, sequence, stamp_ns, sense.state).pack()
         return Outgoing(payload, Envelope(self.robot, sequence, sense.tick))
 
     def _answer(self) -> Drive | None:

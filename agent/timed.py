@@ -83,5 +83,5 @@ class TimedRobot(RobotBase):
     def _broadcast(self, measured: Measured) -> Outgoing:
         sequence, self._sent = self._sent, self._sent + 1
         stamp_ns = measured.t_ns
-        payload = Broadcast(self.run, self.robot, sequence, stamp_ns, measured.state).pack()
+        payload = Broadcast(self.tag, self.robot, sequence, stamp_ns, measured.state).pack()
         return Outgoing(payload, Envelope(self.robot, sequence, stamp_ns))

@@ -6,7 +6,7 @@ of the same form and length as formnet's at tick 1000, and equally often.
 
 from typing import NamedTuple
 
-from formation.messages import Broadcast, Drive, Envelope, Sense, State, encode
+from formation.messages import Broadcast, Drive, Envelope, Sense, State, encode, run_tag
 
 BROADCAST_EVERY = 10
 """Ticks from one broadcast to the next: 10 ms at a control period of 1 ms."""
@@ -30,7 +30,7 @@ def wire(run: str) -> Wire:
     return Wire(
         sense=encode(Sense(_TICK, _STATE)),
         drive=encode(Drive(1, _TICK, 0.123456789, -0.987654321)),
-        broadcast=Broadcast(run, 1, sequence, stamp_ns, _STATE).pack(),
+        broadcast=Broadcast(run_tag(run), 1, sequence, stamp_ns, _STATE).pack(),
         envelope=Envelope(1, sequence, _TICK).pack(),
     )
 

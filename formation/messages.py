@@ -5,14 +5,15 @@ stamped state for its neighbours; they pass through emulated links and are
 trusted by nobody. *Lockstep messages* (all others) keep virtual time between
 the plant and one robot and belong to the runtime, not to the experiment.
 
-Everything is msgpack (a broadcast with a checksum after it), but for the messages of
-every tick (``Sense`` and ``Drive``, ``Ask`` and ``Measured``, the envelope), which are fixed
-little-endian structures. Floats travel as IEEE 754 doubles, so a value arrives bit-identical.
+Everything is msgpack, but for what is sent every tick (``Broadcast`` and its envelope, ``Sense``
+and ``Drive``, ``Ask`` and ``Measured``), which are fixed little-endian structures. Floats travel
+as IEEE 754 doubles, so a value arrives bit-identical.
 """
 
 import math
 import struct
 from collections.abc import Callable
+from hashlib import sha256
 from typing import Any, Final, NamedTuple
 from zlib import crc32
 
@@ -22,14 +23,12 @@ from mypy_extensions import mypyc_attr
 from formation.record import LinkRow
 from netem.link import FATES
 
-PROTOCOL: Final = 3
+PROTOCOL: Final = 4
 """Version of the messages; a robot and a plant must agree on it."""
 
 
-MOST_BROADCAST_BYTES: Final = 512
-"""The longest broadcast: what a robot says has a fixed size, but for the run's name."""
 MOST_BYTES: Final = 8 * 2**20
-"""The longest of all other messages: a scenario with thousands of robots."""
+"""The longest message: a scenario with thousands of robots."""
 MOST_TEXT: Final = 4000
 """The longest text in them, in characters, but for the scenario."""
 
@@ -72,50 +71,52 @@ class Stamped(NamedTuple):
     state: State
 
 
-class Broadcast(NamedTuple):
-    """What robot ``robot`` of run ``run`` tells its neighbours.
+_BROADCAST_LAYOUT: Final = struct.Struct("<8sIqq5d")
+BROADCAST_BYTES: Final = _BROADCAST_LAYOUT.size + 4
+"""The size of every broadcast (72): links bill it, so it depends on nothing, not even the run."""
 
-    On the wire a CRC-32 follows it: a damaged state may be finite and still absurd.
+
+def run_tag(run: str) -> bytes:
+    """The eight bytes that stand for run ``run`` in a broadcast: its SHA-256's first."""
+    return sha256(run.encode(errors="surrogateescape")).digest()[:8]
+
+
+class Broadcast(NamedTuple):
+    """What robot ``robot`` of the run with this ``tag`` (see :func:`run_tag`) tells its neighbours.
+
+    On the wire, BROADCAST_BYTES in this order: tag, robot as an unsigned 32-bit integer, sequence
+    and stamp as 64-bit integers, the state as five doubles, and a CRC-32 of all that: a damaged
+    state may be finite and still absurd.
     """
 
-    run: str
+    tag: bytes
     robot: int
     sequence: int
     stamp_ns: int
     state: State
 
     def pack(self) -> bytes:
-        return sealed(_pack((self.run, self.robot, self.sequence, self.stamp_ns, *self.state)))
+        return sealed(
+            _BROADCAST_LAYOUT.pack(self.tag, self.robot, self.sequence, self.stamp_ns, *self.state)
+        )
 
     @classmethod
     def unpack(cls, data: bytes) -> "Broadcast":
         """Decode and check a broadcast.
 
         Raises:
-            MessageError: oversized, damaged, not msgpack, wrong fields, wrong types, or not finite.
+            MessageError: another size, damaged, or not finite.
         """
-        if len(data) > MOST_BROADCAST_BYTES:
-            raise MessageError(f"oversized: more than {MOST_BROADCAST_BYTES} bytes")
+        if len(data) != BROADCAST_BYTES:
+            raise MessageError(f"malformed: not {BROADCAST_BYTES} bytes")
         content = data[:-4]
         if data[-4:] != crc32(content).to_bytes(4, "little"):
             raise MessageError("damaged: its checksum is another")
-        fields = _unpack(content)
-        if type(fields) is not list or len(fields) != 9:
-            raise MessageError("malformed: not a list of 9 fields")
-        run, robot, sequence, stamp_ns, x, y, heading, speed, turn_rate = fields
-        if (
-            type(run) is not str
-            or type(robot) is not int
-            or type(sequence) is not int
-            or type(stamp_ns) is not int
-        ):
-            raise MessageError("malformed: run, robot, sequence or time stamp has a wrong type")
-        if not (type(x) is type(y) is type(heading) is type(speed) is type(turn_rate) is float):
-            raise MessageError("malformed: pose or velocity is not a float")
-        state = make(State, (x, y, heading, speed, turn_rate))
+        fields = _BROADCAST_LAYOUT.unpack(content)
+        state = make(State, fields[4:])
         if not finite(state):
             raise MessageError("not finite: pose or velocity")
-        return make(cls, (run, robot, sequence, stamp_ns, state))
+        return make(cls, (*fields[:4], state))
 
 
 def sealed(content: bytes) -> bytes:

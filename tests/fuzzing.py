@@ -45,6 +45,7 @@ from formation.messages import (
     Waiting,
     decode,
     encode,
+    run_tag,
     sealed,
 )
 from formation.record import LinkRow
@@ -83,7 +84,7 @@ def fuzz(count: int, seed: int) -> Fuzzed:
     virtual = Robot(scenario, 1, run="run", law=_Nothing())
     timed = TimedRobot(scenario, 1, run="run", law=_Nothing())
     valid = [encode(message) for message in _LOCKSTEP]
-    broadcast = Broadcast("run", 2, 3, 30_000_000, _STATE).pack()
+    broadcast = Broadcast(run_tag("run"), 2, 3, 30_000_000, _STATE).pack()
     envelope = Envelope(2, 3, 30).pack()
     decoders: dict[str, tuple[Iterator[bytes], Callable[[bytes], Any]]] = {
         "lockstep": (_broken(draw, valid), decode),

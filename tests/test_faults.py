@@ -304,7 +304,7 @@ def heard_by_2(paper, *overrides):
             return (0.0, 0.0)
 
     from agent.robot import Robot
-    from formation.messages import Broadcast, Envelope, Sense
+    from formation.messages import Broadcast, Envelope, Sense, run_tag
 
     scenario = paper("section5-delay", *overrides)
     robot = Robot(scenario, 2, run="run", law=Notes())
@@ -313,7 +313,7 @@ def heard_by_2(paper, *overrides):
         for source in (1, 3):
             if tick % 10 == 0 and roster.up(source, tick):
                 payload = Broadcast(
-                    "run", source, tick // 10, tick * MS, State(0.0, 0.0, 0.0, 0.0, 0.0)
+                    run_tag("run"), source, tick // 10, tick * MS, State(0.0, 0.0, 0.0, 0.0, 0.0)
                 ).pack()
                 robot.on_broadcast(source, payload, Envelope(source, tick // 10, tick).pack())
         robot.on_sense(Sense(tick, State(0.0, 0.0, 0.0, 0.0, 0.0)))

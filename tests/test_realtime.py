@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from agent.law import Command
 from agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
 from formation.loading import load
-from formation.messages import Broadcast, Drive, Envelope, Measured, State
+from formation.messages import Broadcast, Drive, Envelope, Measured, State, run_tag
 from formation.sync import RemoteClock, Spread
 from lab.scenarios import CONFIGS
 from plant.timed import TimedWorld
@@ -197,7 +197,12 @@ def robot(*overrides):
 
 def broadcast(source, sequence, stamp_ns, **changed):
     state = State(1.0, 2.0, 3.0, 4.0, 5.0)
-    fields = {"run": "run", "robot": source, "sequence": sequence, "stamp_ns": stamp_ns} | changed
+    fields = {
+        "tag": run_tag("run"),
+        "robot": source,
+        "sequence": sequence,
+        "stamp_ns": stamp_ns,
+    } | changed
     return Broadcast(**fields, state=state).pack(), Envelope(source, sequence, stamp_ns).pack()
 
 
@@ -242,9 +247,9 @@ def test_a_silent_neighbour_is_dropped_and_comes_back():
         (2, broadcast(2, 1, MOST_AHEAD_NS + 21 * MS), 20 * MS, "stamped in the future"),
         (2, broadcast(2, 1, 11 * MS), MOST_BEHIND_NS + 12 * MS, "stamped long ago"),
         (2, (broadcast(2, 1, 11 * MS)[0][:-1], broadcast(2, 1, 11 * MS)[1]), 20 * MS,
-         "damaged: its checksum is another"),
+         "malformed: not 72 bytes"),
         (2, broadcast(2, 1, 11 * MS, robot=3), 20 * MS, "claims to be another robot"),
-        (2, broadcast(2, 1, 11 * MS, run="else"), 20 * MS, "another run"),
+        (2, broadcast(2, 1, 11 * MS, tag=run_tag("else")), 20 * MS, "another run"),
         (2, (broadcast(2, 1, 3 * MOST_AHEAD_NS)[0], broadcast(2, 1, 11 * MS)[1]), 20 * MS,
          "stamped at another time than it was sent"),
     ],
