@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
-from formation.loading import dumps
 from formation.record import Event, Record, Sink
 from formation.scenario import Scenario
 from lab.launch import Begun, Launch
@@ -49,12 +48,10 @@ def tick_ms(
         BenchmarkError: the run did not complete.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "scenario.toml"
-    file.write_text(dumps(scenario), encoding="utf-8")
     clock = _Clock(also)
     deadline = time.monotonic() + START_S + TICK_S * scenario.ticks
     name = f"{scenario.name}-{secrets.token_hex(3)}"
-    launch = Launch(file, scenario, name, clock, folder / "logs", begun=begun)
+    launch = Launch(scenario, name, clock, folder / "logs", begun=begun)
     outcome = launch.wait(lambda: time.monotonic() > deadline, refresh)
     if outcome.kind != "completed" or clock.started_s is None or clock.ended_s is None:
         raise BenchmarkError(

@@ -20,7 +20,7 @@ from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.scenarios import SECTION5
 from benchmarks.table import BenchmarkError, Row
 from formation import bus
-from formation.loading import dumps, load
+from formation.loading import load
 from formation.messages import HELLO, Envelope
 from formation.record import Event, Record
 from lab.launch import Launch
@@ -68,11 +68,9 @@ def stall_s(number: signal.Signals, draw: random.Random, folder: Path) -> float:
         "duration_s=600", "clock.broadcast_period_s=0.001", f"run.patience_s={PATIENCE_S}"
     ])  # fmt: skip
     folder.mkdir(parents=True)
-    file = folder / "scenario.toml"
-    file.write_text(dumps(scenario), encoding="utf-8")
     name = f"losses-{secrets.token_hex(3)}"
     seen = _Seen()
-    launch = Launch(file, scenario, name, seen.take, folder / "logs")
+    launch = Launch(scenario, name, seen.take, folder / "logs")
     try:
         with bus.session(connect=launch.endpoint) as session:
             subscription = session.declare_subscriber(bus.Keys(name).broadcasts, seen.hear)

@@ -16,7 +16,7 @@ from benchmarks.plan import Plan
 from benchmarks.scenarios import ring_toml
 from benchmarks.table import BenchmarkError, Row, Target
 from formation import bus
-from formation.loading import dumps, loads
+from formation.loading import loads
 from formation.record import Event, LinkRows, Record
 from lab.launch import Launch
 
@@ -126,10 +126,8 @@ def _run(
         ring_toml(robots, 1000 * seconds), f"ring-{robots}", [*_SETTINGS, f"duration_s={seconds}"]
     )
     folder.mkdir(parents=True)
-    file = folder / "scenario.toml"
-    file.write_text(dumps(scenario), encoding="utf-8")
     name = f"pacing-{secrets.token_hex(3)}"
-    launch = Launch(file, scenario, name, timing, folder / "logs")
+    launch = Launch(scenario, name, timing, folder / "logs")
     done = threading.Event()
     flooding = threading.Thread(target=_flood, args=(launch.endpoint, bus.Keys(name), done))
     if flood:

@@ -7,9 +7,37 @@ import sys
 import threading
 from collections.abc import Callable
 
+END_OF_SCENARIO = b"\0"
+"""After a scenario that comes through standard input, which stays open as a leash."""
+
+
+def read_scenario() -> str:
+    """The text on standard input up to END_OF_SCENARIO, or to its end.
+
+    Raises:
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    text = bytearray()
+    while END_OF_SCENARIO not in text[-4096:]:
+        piece = os.read(sys.stdin.fileno(), 4096)
+        if not piece:
+            break
+        text += piece
+    return bytes(text).partition(END_OF_SCENARIO)[0].decode("utf-8")
+
+
+def to_end() -> list[signal.Signals]:
+    """The signals that ask a process to end: SIGINT, SIGTERM, and SIGHUP unless it is ignored.
+
+    nohup(1) ignores the last, so that what it starts outlives the terminal.
+    """
+    kinds = [signal.SIGINT, signal.SIGTERM]
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return kinds if ignored else [*kinds, signal.SIGHUP]
+
 
 def on_stop(stop: Callable[[], None], *, at_end_of_input: bool) -> None:
-    """Call ``stop`` on SIGINT or SIGTERM and, if asked, when standard input ends.
+    """Call ``stop`` on a signal to end (:func:`to_end`) and, if asked, when standard input ends.
 
     A launcher holds the other end of the child's standard input: it closes it
     to stop the child, and the system closes it if the launcher dies, so no
@@ -20,8 +48,10 @@ def on_stop(stop: Callable[[], None], *, at_end_of_input: bool) -> None:
     def handle(_signal: int, _frame: object) -> None:
         stop()
 
-    signal.signal(signal.SIGTERM, handle)
-    signal.signal(signal.SIGINT, signal.SIG_IGN if at_end_of_input else handle)
+    for kind in to_end():
+        signal.signal(kind, handle)
+    if at_end_of_input:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     if at_end_of_input:
         die_with_parent()
         threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()

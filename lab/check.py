@@ -8,7 +8,8 @@ from rich.markup import escape
 from formation.loading import ScenarioError
 from formation.scenario import Scenario
 from formation.theory import Assessment, assess
-from lab.run import ALL_HOLD, BAD_INPUT, load_checked, report_problems, warn
+from lab.exits import ALL_HOLD, BAD_INPUT
+from lab.run import load_checked, report_problems, warn
 
 
 def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:

@@ -1,5 +1,4 @@
-"""The command ``formnet``. Exit codes: 0 all claims hold, 1 one does not, 2 bad scenario or
-usage, 3 the run broke, 130 interrupted.
+"""The command ``formnet``; :mod:`lab.exits` has its exit codes.
 
 Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
@@ -7,12 +6,15 @@ Heavy modules are imported inside the commands, so that ``--help`` answers at on
 import os
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import click
 
 from lab.build import install, stale
 from lab.completion import run_folders, toml_files
+from lab.exits import in_words
+from lab.exits import of as code_of
+from lab.files import replace
 
 
 class Whole(click.IntRange):
@@ -127,12 +129,6 @@ class _Commands(click.Group):
             with formatter.section(title):
                 formatter.write_dl([(name.ljust(column), text) for name, text in shown])
 
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:  # before a command has its own way to end
-            ctx.exit(130)
-
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="formnet", message="formnet %(version)s")
@@ -189,8 +185,8 @@ def run(
     SCENARIO is a file, the name of one of `formnet scenarios`, or the folder of a run.
 
     Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged, or there is
-    none and the run diverged or lost a robot; 2: bad scenario or usage; 3: the run itself broke;
-    130: interrupted.
+    none and the run diverged or lost a robot; 2: bad scenario or usage; 3: the run itself broke,
+    or not all of it could be written; 130: interrupted.
     """
     if inline and (hosts or router or keys or plaintext):
         raise click.UsageError(
@@ -241,8 +237,8 @@ def monitor(
     RUN is its folder, by default the newest below runs. The monitor only listens: the run does
     not notice it, whatever becomes of it. Without --web or --save it opens a window.
 
-    Exit code 0: the run was seen to its end; 1: it broke off; 2: there is nothing to watch; 130:
-    interrupted before its end.
+    Exit code 0: the run was seen to its end; 2: there is nothing to watch; 3: the run broke off,
+    or --save could not be written; 130: interrupted before its end.
     """
     if connect is not None and folder is not None:
         raise click.UsageError("RUN is a run on this machine: it and --connect exclude each other")
@@ -395,9 +391,9 @@ def schema(out: Path | None) -> None:
         click.echo(text(), nl=False)
         return
     try:
-        out.write_text(text(), encoding="utf-8")
+        replace(out, text())
     except OSError as error:
-        _fail(2, f"--out {out}: {error.strerror}")
+        _fail(code_of(error), f"--out {out}: {error.strerror}")
 
 
 @main.command()
@@ -606,7 +602,7 @@ def nemesis(
 def doctor(hosts: Path | None, keys: Path | None) -> None:
     """Check this machine and others; say how to mend what is wrong.
 
-    Exit code 0: all is well; 1: something is not; 2: bad usage.
+    Exit code 0: all is well; 2: bad usage; 3: something is not well.
     """
     from lab.doctor import examine
 
@@ -643,8 +639,10 @@ def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
         raise click.UsageError(f"--robots: {error}") from None
     try:
         written = make(folder, ids, [name for name in hosts.split(",") if name], days)
-    except (KeysExist, OSError) as error:
+    except KeysExist as error:
         _fail(2, str(error))
+    except OSError as error:
+        _fail(code_of(error), in_words(error))
     for path in written:
         click.echo(str(path))
 
@@ -749,8 +747,16 @@ def agent(
         _fail(3, str(error))
 
 
+def _scenario_or_input(
+    context: click.Context, parameter: click.Parameter, argument: str
+) -> Path | None:
+    return None if argument == "-" else _scenario(context, parameter, argument)
+
+
 @main.command()
-@SCENARIO
+@click.argument(
+    "scenario", callback=_scenario_or_input, metavar="SCENARIO|-", shell_complete=toml_files
+)
 @click.option("--listen", metavar="ENDPOINT", help="Where robots join, e.g. tcp/127.0.0.1:7447.")
 @click.option(
     "--connect", metavar="ENDPOINT", help="A Zenoh router at which plant and robots meet instead."
@@ -772,7 +778,7 @@ def agent(
 @PLAINTEXT
 @LEASE
 def plant(
-    scenario: Path,
+    scenario: Path | None,
     listen: str | None,
     connect: str | None,
     record: str | None,
@@ -784,18 +790,25 @@ def plant(
     plaintext: bool,
     lease_s: float,
 ) -> None:
-    """Be the plant of a run of SCENARIO."""
+    """Be the plant of a run of SCENARIO.
+
+    With -, the scenario comes from standard input, which ends it or goes on after a NUL byte.
+    """
     if (listen is None) == (connect is None):
         raise click.UsageError("needs --listen or --connect, and not both")
     _choose_threads(lease_s)
     from formation.bus import BusError
-    from formation.loading import ScenarioError, load
+    from formation.loading import ScenarioError, load, loads
+    from formation.process import read_scenario
     from formation.security import KeysError
     from plant.process import main as plant_main
 
     try:
-        loaded = load(scenario, overrides)
-    except ScenarioError as error:
+        if scenario is None:
+            loaded = loads(read_scenario(), "standard input", overrides)
+        else:
+            loaded = load(scenario, overrides)
+    except (ScenarioError, UnicodeDecodeError) as error:
         _fail(2, str(error))
     try:
         sys.exit(
@@ -812,8 +825,10 @@ def plant(
                 lease_s=lease_s,
             )
         )
-    except (BusError, KeysError, OSError) as error:
+    except (BusError, KeysError) as error:
         _fail(3, str(error))
+    except OSError as error:
+        _fail(3, in_words(error))
 
 
 def _choose_threads(lease_s: float) -> None:
@@ -844,4 +859,6 @@ def _fail(code: int, text: str) -> NoReturn:
 
 
 if __name__ == "__main__":
-    main()
+    from lab.__main__ import main as program
+
+    program()

@@ -16,11 +16,13 @@ from formation.loading import ScenarioError
 from formation.scenario import Expect
 from lab.canvas import COLOURS, blank
 from lab.difference import first_difference
+from lab.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
+from lab.exits import of as code_of
+from lab.folders import fresh_folder
 from lab.keypaths import by_path, shown
 from lab.links_table import output
 from lab.recorded import Recorded, Unreadable, read_whole
-from lab.recording import fresh_folder
-from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, ONE_FAILS, report_problems
+from lab.run import CLAIM_TITLES, report_problems
 from lab.verdict import by_claim, error_series, standing, tolerances_of
 
 MOST_RUNS = 2 * len(COLOURS)
@@ -57,10 +59,10 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
     compared = comparison(found)
     try:
         if out is not None:
-            _write(fresh_folder(out), compared, figure(found, compared.names))
+            _write(fresh_folder(out, "comparison.md"), compared, figure(found, compared.names))
     except OSError as error:
-        console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
-        return BAD_INPUT
+        console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
     for title, rows in _parts(compared):
         output().print(_table(title, compared.names, rows))
     if out is not None:

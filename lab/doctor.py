@@ -19,8 +19,8 @@ from rich.markup import escape
 from formation.hosts import Host, Hosts, HostsError, load_hosts
 from formation.security import MONITOR, PLANT
 from lab.build import install
+from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN
 from lab.probe import certificate, probe
-from lab.run import ALL_HOLD, BAD_INPUT, ONE_FAILS
 from lab.viewer import ViewerFailed, binary
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def examine(path: Path | None, keys: Path | None) -> int:
             bad += 1
             console.print(f"    [bold]{escape(check.remedy)}[/]", soft_wrap=True)
     console.print("all is well" if not bad else f"problems: {bad}")
-    return ONE_FAILS if bad else ALL_HOLD
+    return BROKEN if bad else ALL_HOLD
 
 
 def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:

@@ -30,13 +30,12 @@ def execute(
 
     Raises:
         HostUnreachable: a robot's host cannot be reached.
+        OSError: processes cannot be started, or not log into the recording's folder.
     """
     scenario, folder = recording.scenario, recording.folder
     name = f"{scenario.name}-{secrets.token_hex(6)}"  # unique on the bus
     if not inline:
-        launch = Launch(
-            folder / "scenario.toml", scenario, name, sink, folder / "logs", place, begun
-        )
+        launch = Launch(scenario, name, sink, folder / "logs", place, begun)
         return launch.wait(lambda: stopped() or recording.now_ns() >= until_ns, refresh)
 
     def asked() -> bool:

@@ -12,9 +12,12 @@ from rich.markup import escape
 
 from formation.loading import ScenarioError
 from lab.build import install
+from lab.exits import ALL_HOLD, BAD_INPUT, in_words
+from lab.exits import of as code_of
+from lab.folders import RunExists, fresh_folder
 from lab.recorded import Recorded, Unreadable, event_lines, read_whole
-from lab.recording import LINKS, STATES, RunExists, fresh_folder
-from lab.run import ALL_HOLD, BAD_INPUT, report_problems
+from lab.recording import LINKS, STATES
+from lab.run import report_problems
 
 
 def export_run(folder: Path, kind: str, out: Path | None) -> int:
@@ -31,9 +34,12 @@ def export_run(folder: Path, kind: str, out: Path | None) -> int:
         console.print(f"MCAP needs the package mcap: {install('export')}", markup=False,
                       soft_wrap=True)  # fmt: skip
         return BAD_INPUT
-    except (Unreadable, OSError) as error:
+    except Unreadable as error:
         console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
+    except OSError as error:
+        console.print(f"[red]not written:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
     console.print(f"written: {escape(str(place))}", soft_wrap=True)
     return ALL_HOLD
 
@@ -45,7 +51,7 @@ def write_csv(run: Recorded, folder: Path) -> None:
         RunExists: ``folder`` exists and is not empty.
         OSError: a file cannot be read or written.
     """
-    fresh_folder(folder)
+    fresh_folder(folder, "events.csv")
     for name in (STATES, LINKS):
         pyarrow.csv.write_csv(pq.read_table(run.folder / name), (folder / name).with_suffix(".csv"))
     lines = list(event_lines(run.folder))
@@ -66,7 +72,7 @@ def write_mcap(run: Recorded, file: Path) -> None:
     from lab import foxglove
 
     if file.exists():
-        raise RunExists(f"{file} exists already; nothing is ever overwritten")
+        raise RunExists(file)
     file.parent.mkdir(parents=True, exist_ok=True)
     try:
         with file.open("xb") as stream:

@@ -6,7 +6,6 @@ never come back or end its process; so that is tried in a process of its own, fo
 
 import multiprocessing
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from formation.process import die_with_parent
 from formation.scenario import Scenario
 from formation.theory import assess
 from lab import stiffness, stuck
+from lab.signals import kept_from_children
 
 GET_S = 60.0
 """How long a law may take to be imported and built, in wall time."""
@@ -82,7 +82,8 @@ class _Trial:
         self._here, there = context.Pipe(duplex=False)
         self._say = say
         self._child = context.Process(target=_alone, args=(work, subject, there))
-        self._child.start()
+        with kept_from_children():
+            self._child.start()
         there.close()
         self.where = ""
         """Where the law is, in words that follow others, if that is known."""
@@ -129,7 +130,6 @@ def _first(trial: _Trial, kind: str, limit_s: float) -> str | None:
 def _alone(work: Callable[[Any, Connection], Any], subject: object, found: Connection) -> None:
     """In the process: ``work``, and where it is stuck, if it is."""
     die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (laws may print; in the run, they are heard)
     with stuck.told(found.send):
         work(subject, found)

@@ -69,7 +69,7 @@ class Fleet:
         Raises:
             HostLost: the host cannot be reached.
         """
-        command = shlex.join([host.python, "-m", "lab.cli", *arguments])
+        command = shlex.join([host.python, "-m", "lab", *arguments])
         process = self._wait(host, self._start(host, f"echo $$; exec {command}"))
         child = RemoteChild(self, host, process)
         asyncio.run_coroutine_threadsafe(child.follow(log), self._loop)

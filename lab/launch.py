@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Protocol
 
 from formation.bus import LEASE_S, LOOPBACK
+from formation.loading import dumps
+from formation.process import END_OF_SCENARIO
 from formation.record import Event, Outcome, Samples, Sink, Stir, read
 from formation.scenario import Scenario
 from lab.refusals import LOG_FILTER, Refusals
@@ -54,6 +56,19 @@ class Child(Protocol):
 
 class LocalChild(subprocess.Popen[bytes]):
     """A child on this machine."""
+
+    def tell(self, data: bytes) -> None:
+        """Write ``data`` to its standard input, which stays open, on a thread of its own."""
+        assert self.stdin is not None
+        stream = open(os.dup(self.stdin.fileno()), "wb", buffering=0)  # noqa: SIM115
+
+        def write() -> None:
+            left = memoryview(data)
+            with stream, suppress(OSError):  # it has ended
+                while left:
+                    left = left[stream.write(left) :]
+
+        threading.Thread(target=write, daemon=True).start()
 
     def release(self) -> None:
         """See :class:`Child`."""
@@ -98,17 +113,18 @@ HERE = Place()
 class Launch:
     """The processes of one run; the plant's records go to ``sink`` on a thread of its own.
 
-    ``scenario_file`` is what the plant reads, ``name`` the run's id on the bus,
-    ``logs`` where each child's standard error goes. ``endpoint`` is where the plant listens;
-    ``begun`` is told before the robots are started.
+    The plant is told ``scenario`` through its leash; nothing is read from a file. ``name`` is the
+    run's id on the bus, ``logs`` where each child's standard error goes. ``endpoint`` is where the
+    plant listens; ``begun`` is told before the robots are started.
 
     Raises:
+        OSError: ``logs`` cannot be made, or a process not be started.
         Exception: what ``place.elsewhere`` or ``begun`` raised; nothing is left running then.
     """
 
     def __init__(
-        self, scenario_file: Path, scenario: Scenario, name: str, sink: Sink, logs: Path,
-        place: Place = HERE, begun: Begun = lambda *_: None,
+        self, scenario: Scenario, name: str, sink: Sink, logs: Path, place: Place = HERE,
+        begun: Begun = lambda *_: None,
     ) -> None:  # fmt: skip
         self._place = place
         self._sink = sink
@@ -133,10 +149,11 @@ class Launch:
         self.endpoint = endpoint = place.endpoint or f"{scheme}/{LOOPBACK}:{free_port()}"
         self.plant = self._spawn(
             "plant",
-            ["plant", str(scenario_file), "--connect" if place.routed else "--listen", endpoint,
+            ["plant", "-", "--connect" if place.routed else "--listen", endpoint,
              "--record", "-",
              "--start-patience", str(START_PATIENCE_S), *common, *place.options],
         )  # fmt: skip
+        self.plant.tell(dumps(scenario.without_hosts).encode() + END_OF_SCENARIO)
         self._log_reader: threading.Thread | None = None
         if self.plant.stderr is not None:
             self._log_reader = threading.Thread(
@@ -297,7 +314,7 @@ class Launch:
         audited = plant and self._place.keys is not None and not self._place.routed
         with (self._logs / f"{name}.log").open("wb") as log:
             return LocalChild(
-                [sys.executable, "-m", "lab.cli", *arguments],
+                [sys.executable, "-m", "lab", *arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE if plant else log,
                 stderr=subprocess.PIPE if audited else log,

@@ -5,18 +5,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from lab.files import replace
+
 FILE = "live.json"
 
 
 @contextmanager
 def noted(folder: Path, endpoint: str, run: str) -> Iterator[None]:
-    """Say in a run's folder where it goes on, as long as it does."""
+    """Say in a run's folder where it goes on, as long as it does; on a full disk, nowhere."""
     file = folder / FILE
-    file.write_text(json.dumps({"endpoint": endpoint, "run": run}) + "\n", encoding="utf-8")
+    with suppress(OSError):
+        replace(file, json.dumps({"endpoint": endpoint, "run": run}) + "\n")
     try:
         yield
     finally:
-        with suppress(FileNotFoundError):
+        with suppress(OSError):
             file.unlink()
 
 

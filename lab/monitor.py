@@ -24,8 +24,9 @@ from formation.record import Event, Outcome, Record, Stir, unpack
 from formation.scenario import Scenario
 from formation.security import MONITOR, Credentials
 from lab import lyapunov
+from lab.exits import ALL_HOLD, BROKEN, INTERRUPTED
 from lab.recording import Collected
-from lab.run import ALL_HOLD, INTERRUPTED, ONE_FAILS
+from lab.rrd import Outlet
 from lab.scene import LINKS_LATE_NS, Scene
 from lab.viewer import Viewer
 
@@ -154,8 +155,13 @@ class Monitor:
         self._feed = source
         self._collected = Collected(source.scenario)
         self._stream = rr.RecordingStream("formnet", recording_id=source.run)
-        sinks = [rr.GrpcSink(url)] if url is not None else []
-        self._stream.set_sinks(*sinks, *([rr.FileSink(str(file))] if file is not None else []))
+        self._outlet = None if file is None else Outlet(file)
+        sinks = [] if url is None else [rr.GrpcSink(url)]
+        if self._outlet is None:
+            self._stream.set_sinks(*sinks)
+        else:
+            self._stream.set_sinks(*sinks, rr.FileSink(self._outlet.path))
+            self._outlet.handed_over()
         self._scene = Scene(source.scenario, self._stream, live=True)
         self._lyapunov_ns, self._lyapunov_at = -1, time.monotonic() + _LYAPUNOV_S
 
@@ -174,8 +180,14 @@ class Monitor:
         return self._collected.outcome is not None
 
     def close(self) -> None:
-        """Take leave of the viewer, before it is gone."""
+        """Take leave of the viewer, before it is gone, and of the file.
+
+        Raises:
+            OSError: the file could not be written, and is away.
+        """
         self._stream.disconnect()
+        if self._outlet is not None:
+            self._outlet.close()
 
     def _draw(self) -> None:
         for record in self._feed.take():
@@ -229,11 +241,12 @@ def watch(source: Source, *, view: str | None, file: Path | None, stopped: threa
         complete = monitor.run(stopped)
         if from_run.missed:
             print(f"too slow: {from_run.missed} messages were missed", flush=True)
+        monitor.close()
         if file is not None:
             part = "the run" if complete else "what was seen of the run"
             print(f"{part} is in {file}", flush=True)
         if not complete:
-            return INTERRUPTED if stopped.is_set() else ONE_FAILS
+            return INTERRUPTED if stopped.is_set() else BROKEN
         if page is not None:
             print("the run is over; the page stays until Ctrl-C", flush=True)
             stopped.wait()

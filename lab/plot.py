@@ -6,9 +6,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from formation.loading import ScenarioError
+from lab.exits import ALL_HOLD, BAD_INPUT, in_words
+from lab.exits import of as code_of
+from lab.folders import fresh_folder
 from lab.recorded import Unreadable, read_run
-from lab.recording import fresh_folder
-from lab.run import ALL_HOLD, BAD_INPUT, report_problems
+from lab.run import report_problems
 
 
 def plot_run(folder: Path, out: Path | None) -> int:
@@ -18,16 +20,19 @@ def plot_run(folder: Path, out: Path | None) -> int:
         run = read_run(folder)
         if not run.samples and not run.link_rows:
             raise Unreadable("; ".join(["nothing to draw", *run.problems]))
-        place = folder / "figures" if out is None else fresh_folder(out)
+        place = folder / "figures" if out is None else fresh_folder(out, "graph.png")
         from lab import figures
 
         figures.draw(run, place)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
-    except (Unreadable, OSError) as error:
+    except Unreadable as error:
         console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
+    except OSError as error:
+        console.print(f"[red]not drawn:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
     for problem in run.problems:
         console.print(f"[yellow]without:[/] {escape(problem)}", soft_wrap=True)
     console.print(f"everything is in {escape(str(place))}", soft_wrap=True)

@@ -1,7 +1,6 @@
 """Many independent runs: on several cores or one after another, with a bar that shows how far."""
 
 import os
-import signal
 import threading
 import time
 import traceback
@@ -16,7 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from formation.process import die_with_parent
-from lab.signals import GRACE_S
+from lab.exits import BROKEN, in_words
+from lab.signals import GRACE_S, kept_from_children
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -30,8 +30,10 @@ _stop = c_bool(False)
 
 
 class WorkFailed(RuntimeError):
-    """A piece of work raised (the text is its traceback: not every exception can travel), or
-    its process died."""
+    """A piece of work raised, or its process died.
+
+    The text is the traceback, as not every exception can travel; of an OSError, what it says.
+    """
 
 
 def in_turn(
@@ -67,7 +69,8 @@ def at_once(
     cores = os.cpu_count() or 1
     with ProcessPoolExecutor(jobs or cores, context, initializer=_begin, initargs=(stop,)) as pool:
         try:
-            running = {pool.submit(_guarded, work, item, _stop_wanted): item for item in items}
+            with kept_from_children():  # the first call starts all of them
+                running = {pool.submit(_guarded, work, item, _stop_wanted): item for item in items}
             while running:
                 done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
                 for future in done:
@@ -103,6 +106,8 @@ def _guarded(
 ) -> tuple[list[Result], str]:  # fmt: skip
     try:
         return [work(item, stopped)], ""
+    except OSError as error:  # the machine's fault, not the code's
+        return [], in_words(error)
     except Exception:
         return [], traceback.format_exc()
 
@@ -115,7 +120,6 @@ def _begin(stop: c_bool) -> None:
     global _stop
     _stop = stop
     die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     threading.Thread(target=_cut_short, daemon=True).start()
 
 
@@ -123,4 +127,4 @@ def _cut_short() -> None:
     while not _stop_wanted():
         time.sleep(_LOOK_S)
     time.sleep(GRACE_S)
-    os._exit(1)
+    os._exit(BROKEN)

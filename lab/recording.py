@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from copy import copy
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,6 +25,8 @@ from formation.loading import dumps
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formation.roster import Roster
 from formation.scenario import Scenario
+from lab.files import attempt, replace
+from lab.folders import fresh_folder
 from netem.tables import nanoseconds
 
 if sys.platform != "win32":
@@ -43,11 +46,8 @@ LINKS_SCHEMA = pa.schema(
         ("fate", pa.dictionary(pa.int8(), pa.string())),
     ]
 )
+SCENARIO, EVENTS = "scenario.toml", "events.jsonl"
 STATES, LINKS = "states.parquet", "links.parquet"
-
-
-class RunExists(FileExistsError):
-    """The folder for a new run is there already and not empty."""
 
 
 class Trajectories:
@@ -81,24 +81,6 @@ class Trajectories:
     @property
     def headings_rad(self) -> NDArray[np.float64]:
         return self.states[..., 2]
-
-
-def fresh_folder(folder: Path) -> Path:
-    """Make ``folder``, unless something is in it already.
-
-    Raises:
-        RunExists: ``folder`` exists and is not empty.
-        OSError: ``folder`` cannot be made; the text says why.
-    """
-    try:
-        taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-        if not taken:
-            folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OSError(f"{folder} cannot be made: {error.strerror}") from None
-    if taken:
-        raise RunExists(f"{folder} exists already; nothing is ever overwritten")
-    return folder
 
 
 def trajectory_sha256(samples: list[Sample]) -> str:
@@ -179,20 +161,24 @@ class Collected:
 class Recording(Collected):
     """Collects a run's records; a sink. Events go to disk at once, tables with :meth:`save`.
 
+    While the disk takes no events, they are kept in memory for :meth:`save`.
+
     Raises:
         RunExists: ``folder`` exists and is not empty.
-        OSError: ``folder`` cannot be made.
+        OSError: ``folder`` cannot be made, or ``scenario.toml`` not be written.
     """
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.folder = fresh_folder(folder)
+        self.folder = fresh_folder(folder, EVENTS)
         # What befalls robots the plant reports itself.
         self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
-        (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
-        self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
+        self._lines: list[str] = []
+        self._behind = False  # the file lacks lines, or has half of one
+        self._file = (folder / EVENTS).open("a", encoding="utf-8")
         with suppress(OSError):  # a file system without locks
-            _lock(self._events)
+            _lock(self._file)
+        replace(folder / SCENARIO, dumps(scenario))
 
     def __call__(self, record: Record) -> None:
         """Take one record."""
@@ -208,13 +194,23 @@ class Recording(Collected):
 
     def close(self) -> None:
         """Nothing more comes. What is in memory alone is let go, unless :meth:`save` follows."""
-        self._events.close()
+        with suppress(OSError):  # its last line could not be written
+            self._file.close()
 
-    def save(self) -> None:
-        """Write the tables; every row recorded so far is kept."""
+    def save(self) -> list[OSError]:
+        """Write tables and events, each whole or not at all; returns what could not be written."""
         self.close()
-        pq.write_table(_table(self.samples, STATES_SCHEMA), self.folder / STATES)
-        pq.write_table(_table(self.sorted_link_rows, LINKS_SCHEMA), self.folder / LINKS)
+        problems = []
+        for name, table in (
+            (STATES, _table(self.samples, STATES_SCHEMA)),
+            (LINKS, _table(self.sorted_link_rows, LINKS_SCHEMA)),
+        ):
+            whole = pa.BufferOutputStream()
+            pq.write_table(table, whole)
+            problems += attempt(partial(replace, self.folder / name, whole.getvalue()))
+        if self._behind:
+            problems += attempt(partial(replace, self.folder / EVENTS, "".join(self._lines)))
+        return problems
 
     def _note_plan(self, now_ns: int) -> None:
         """Put what was planned up to now among the events."""
@@ -229,14 +225,20 @@ class Recording(Collected):
             **details,
             "wall": datetime.now(UTC).isoformat(timespec="milliseconds"),
         }
-        self._events.write(json.dumps(line) + "\n")
-        self._events.flush()
+        self._lines.append(json.dumps(line) + "\n")
+        if self._behind:
+            return
+        try:
+            self._file.write(self._lines[-1])
+            self._file.flush()
+        except OSError:
+            self._behind = True
 
 
 def being_written(folder: Path) -> bool:
     """Whether a process that lives on this machine is recording into ``folder``."""
     try:
-        with (folder / "events.jsonl").open(encoding="utf-8") as events:
+        with (folder / EVENTS).open(encoding="utf-8") as events:
             _lock(events)
     except BlockingIOError:
         return True

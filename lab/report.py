@@ -5,7 +5,6 @@ stands in a scenario or an event is text from elsewhere and is escaped (Jinja's 
 """
 
 import base64
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -20,10 +19,13 @@ from formation.record import Event
 from formation.theory import assess
 from lab import runs, verdict
 from lab.check import describe
+from lab.exits import ALL_HOLD, BAD_INPUT, in_words
+from lab.exits import of as code_of
+from lab.files import replace
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
-from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, report_problems, times
-from lab.telling import named, told
+from lab.run import CLAIM_TITLES, report_problems
+from lab.telling import named, times, told
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -83,17 +85,24 @@ def report_runs(folders: Sequence[Path]) -> int:
             continue
         except ScenarioError as error:
             report_problems(console, error)
-        except (Unreadable, OSError) as error:
+        except Unreadable as error:
             console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
-        code = BAD_INPUT
+        except OSError as error:
+            console.print(f"[red]not written:[/] {escape(in_words(error))}", soft_wrap=True)
+            code = max(code, code_of(error))
+        code = max(code, BAD_INPUT)
     return code
 
 
 def leave(folder: Path) -> str | None:
-    """The pages that a run leaves, its own and, in ``runs/``, the index; what went wrong, if so."""
+    """The pages that a run leaves, its own and, in ``runs/``, the index; what went wrong, if so.
+
+    Raises:
+        OSError: the disk takes no page.
+    """
     try:
         write_report(folder)
-    except (Unreadable, ScenarioError, OSError) as error:
+    except (Unreadable, ScenarioError) as error:
         return f"report.html: {error}"
     parent = folder.resolve().parent
     try:
@@ -122,7 +131,7 @@ def write_report(folder: Path, *, draw_missing: bool = False) -> Path:
         run.verdict = None
         run.problems.append(f"verdict.json is of another version: {error!r}")
         text = page(run)
-    _replace(folder / "report.html", text)
+    replace(folder / "report.html", text)
     return folder / "report.html"
 
 
@@ -132,7 +141,7 @@ def write_index(folder: Path, entries: Sequence[runs.Entry]) -> str | None:
     try:
         if file.exists() and _MARK not in file.read_text(encoding="utf-8", errors="replace")[:500]:
             return f"{file} is there already and not formnet's; it is left as it is"
-        _replace(file, index(entries))
+        replace(file, index(entries))
     except OSError as error:
         return str(error)
     return None
@@ -399,10 +408,3 @@ def _in_runs(folder: Path) -> bool:
 def _there(folder: Path, name: str) -> str | None:
     """A file in a run's folder, relative to the index, if it is there."""
     return f"{folder.name}/{name}" if (folder / name).is_file() else None
-
-
-def _replace(file: Path, text: str) -> None:
-    """Put ``text`` into ``file`` in one step: nobody ever reads half a page."""
-    part = file.with_name(f".{file.name}.{os.getpid()}")
-    part.write_text(text, encoding="utf-8")
-    part.replace(file)

@@ -1,9 +1,6 @@
 """``formnet run``: load, launch, watch, judge, draw."""
 
-import threading
-import time
 from contextlib import ExitStack
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,26 +8,28 @@ from typing import TYPE_CHECKING, Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from formation.loading import ScenarioError, load
-from formation.record import Event, Outcome, Record
+from formation.record import Outcome
 from formation.scenario import Scenario
 from lab import live, lyapunov, verdict
 from lab.execution import execute
+from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
+from lab.exits import of as code_of
+from lab.files import attempt
+from lab.folders import check_free, claimed
 from lab.foresight import foresee
 from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
-from lab.recording import Recording, RunExists
+from lab.progress import Watch
+from lab.recording import Recording
 from lab.signals import stop_signals
-from lab.telling import named
+from lab.telling import named, times
 from netem.problems import Problem
 
 if TYPE_CHECKING:
     from lab.rrd import RunFile
-
-ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
 
 CLAIM_TITLES = {
     "formation": ("formation (Eq. 3)", "m"),
@@ -50,10 +49,14 @@ def run_scenario(
     """
     console = Console(stderr=True)
     try:
+        if out is not None:
+            check_free(out)  # before the work, not after it
         scenario, warnings = load_checked(path, overrides, console)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
+    except OSError as error:
+        return _unusable(console, error)
     if inline and scenario.clock.mode == "realtime":
         console.print(
             '[red]--inline:[/] is virtual time, and clock.mode = "realtime": add '
@@ -66,31 +69,29 @@ def run_scenario(
     except BadPlace as error:
         console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
         return BAD_INPUT
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    folder = out or Path("runs") / f"{scenario.name}-{stamp}"
-    try:
-        recording = Recording(folder, scenario)
-    except (RunExists, OSError) as error:
-        console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
-        return BAD_INPUT
     mode = "inline" if inline else "distributed"
     from lab.rrd import RunFile  # loads Rerun, which other commands need not wait for
     from lab.watcher import Watcher
 
     with stop_signals() as stopped, ExitStack() as stack:
-        scene = RunFile(folder, scenario)
+        try:
+            recording = claimed(out, scenario.name, partial(Recording, scenario=scenario))
+            scene = RunFile(recording.folder, scenario)
+        except OSError as error:
+            return _unusable(console, error)
+        stack.callback(scene.leave)
         with (
-            _Watch(console, recording, scene) as watch,
+            Watch(console, recording, scene) as watch,
             where.place(hosts, watch.take, recording.now_ns) as place,
             ExitStack() as meanwhile,
         ):
             watcher = None
             if view is not None:
-                watcher = Watcher(view, folder, where, watch.say)
+                watcher = Watcher(view, recording.folder, where, watch.say)
                 stack.callback(watcher.close)
 
             def begun(endpoint: str, run: str) -> None:
-                meanwhile.enter_context(live.noted(folder, endpoint, run))
+                meanwhile.enter_context(live.noted(recording.folder, endpoint, run))
                 if watcher is not None:
                     watcher.join(endpoint, run)
 
@@ -102,11 +103,19 @@ def run_scenario(
             except HostUnreachable as error:
                 outcome = Outcome("broken", 0, None, str(error))
                 watch.take(outcome)
+            except OSError as error:
+                outcome = Outcome("broken", recording.now_ns(), None, in_words(error))
+                watch.take(outcome)
         how = {"mode": mode, "wall_s": watch.wall_s, "warnings": warnings}
         code = _conclude(console, recording, scene, outcome, how, drawn=drawn)
         if watcher is not None:
             watcher.stay(stopped.is_set)
         return code
+
+
+def _unusable(console: Console, error: OSError) -> int:
+    console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
+    return code_of(error)
 
 
 def load_checked(
@@ -129,28 +138,6 @@ def say_slow(console: Console, text: str) -> None:
     console.print(f"[yellow]waiting:[/] {escape(text)}", soft_wrap=True)
 
 
-class Waits:
-    """Prints on whom a run waits: at the first complaint that is the same, and at each doubling."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._last: dict[str, Any] = {}
-        self._times = 0
-
-    def take(self, record: Record) -> None:
-        """Print it, if ``record`` says so."""
-        if not (isinstance(record, Event) and record.kind == "waiting"):
-            return
-        self._times = self._times + 1 if record.details == self._last else 1
-        self._last = record.details
-        if self._times & (self._times - 1) == 0:
-            self._console.print(
-                f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for "
-                f"{named(record.details['robots'])} to "
-                + escape(record.details["for"]), soft_wrap=True,
-            )  # fmt: skip
-
-
 def warn(console: Console, warnings: list[str]) -> None:
     """Print warnings, one a line."""
     for warning in warnings:
@@ -167,32 +154,49 @@ def _conclude(
     console: Console, recording: Recording, scene: "RunFile", outcome: Outcome,
     how: dict[str, Any], *, drawn: bool,
 ) -> int:  # fmt: skip
-    """Save, judge (``how``: see :func:`lab.verdict.of`), draw and print; returns the exit code."""
-    recording.save()
-    scene.close(lyapunov.curve(recording))
+    """Save, judge (``how``: see :func:`lab.verdict.of`), print and draw; returns the exit code.
+
+    What was recorded and its verdict come first, what shows them after that.
+    """
     judged = verdict.of(recording, **how)
-    verdict.save(judged, recording.folder)
+    problems = _save(recording, judged)
+    if any(code_of(problem) == BROKEN for problem in problems):  # the scene may have filled it
+        scene.make_room()
+        problems = _save(recording, judged)
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     page = output()
     page.print(links_table(rows, "all are in verdict.json"))
     page.print(_table(judged))
     _summarise(page, recording, judged)
+    problems += attempt(lambda: scene.close(lyapunov.curve(recording)))
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
             from lab import figures
 
-            figures.draw(recording, recording.folder / "figures")
+            problems += attempt(lambda: figures.draw(recording, recording.folder / "figures"))
     from lab import report
 
-    problem = report.leave(recording.folder)
-    if problem is not None:
-        console.print(f"[yellow]no page:[/] {escape(problem)}", soft_wrap=True)
-    console.print(f"everything is in {escape(str(recording.folder))}", soft_wrap=True)
+    try:
+        left_out = report.leave(recording.folder)
+        if left_out is not None:
+            console.print(f"[yellow]no page:[/] {escape(left_out)}", soft_wrap=True)
+    except OSError as error:
+        problems.append(error)
+    for problem in problems:
+        console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
+    console.print(f"everything{' else' * bool(problems)} is in {escape(str(recording.folder))}",
+                  soft_wrap=True)  # fmt: skip
+    if problems:
+        return BROKEN
     if outcome.kind == "interrupted":
         return INTERRUPTED
     if outcome.kind not in ("completed", "diverged"):
         return BROKEN
     return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
+
+
+def _save(recording: Recording, judged: dict[str, Any]) -> list[OSError]:
+    return recording.save() + attempt(lambda: verdict.save(judged, recording.folder))
 
 
 def _table(judged: dict[str, Any]) -> Table:
@@ -299,95 +303,3 @@ def _in_a_word(judged: dict[str, Any]) -> str:
         for word, value in ((verdict.FAILS, False), (verdict.NOT_JUDGED, None))
     }
     return "; ".join(f"[red]{word}:[/] {', '.join(some)}" for word, some in titles.items() if some)
-
-
-def times(factor: float) -> str:
-    """How many times as fast as real time."""
-    return f"{factor:.2g} ×" if factor < 10.0 else f"{factor:.0f} ×"
-
-
-class _Watch:
-    """Shows a run while it goes on: progress, current errors, and events as they come."""
-
-    def __init__(self, console: Console, recording: Recording, scene: "RunFile") -> None:
-        self._console = console
-        self._recording = recording
-        self._scene = scene
-        self._lock = threading.RLock()
-        self._waits = Waits(console)
-        self._started: float | None = None
-        self._ended: float | None = None
-        self._drawn = 0.0
-        self._progress = Progress(
-            BarColumn(bar_width=12), TextColumn("{task.description}"), console=console
-        )
-        self._task = self._progress.add_task("starting", total=recording.scenario.duration_s)
-
-    def __enter__(self) -> "_Watch":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._draw()
-        self._progress.stop()
-
-    @property
-    def wall_s(self) -> float:
-        """Seconds from the first tick to the last."""
-        if self._started is None:
-            return 0.0
-        return (self._ended or time.monotonic()) - self._started
-
-    def take(self, record: Record) -> None:
-        """A sink in front of the recording, for any thread."""
-        with self._lock:
-            self._take(record)
-
-    def say(self, text: str) -> None:
-        """Say something to the user."""
-        self._console.print(escape(text), soft_wrap=True)
-
-    def _take(self, record: Record) -> None:
-        self._recording(record)
-        self._scene.take(record)
-        if isinstance(record, Event):
-            if record.kind == "started":
-                self._started = time.monotonic()
-                if not self._console.is_terminal:  # which sees the bar
-                    self._console.print(f"started with {named(record.details['robots'])}")
-            elif record.kind == "last tick":
-                self._ended = time.monotonic()
-            elif record.kind == "host lost":
-                self._console.print(
-                    f"[red]host lost:[/] {record.details['host']}, with "
-                    f"{named(record.details['robots'])}: "
-                    + escape(record.details["reason"]), soft_wrap=True,
-                )  # fmt: skip
-            elif record.kind == "silent at the end":
-                self._console.print(
-                    f"[yellow]silent at the end:[/] {named(record.details['robots'])}: what became "
-                    "of messages since the last report is not known", soft_wrap=True,
-                )  # fmt: skip
-            self._waits.take(record)
-
-    def refresh(self) -> None:
-        """Redraw, at most ten times a second."""
-        self._scene.refresh()
-        if time.monotonic() - self._drawn >= 0.1:
-            self._draw()
-
-    def _draw(self) -> None:
-        self._drawn = time.monotonic()
-        latest = self._recording.latest()
-        if self._started is None or not len(latest.t_s):
-            return
-        t_s = float(latest.t_s[-1])
-        up = self._recording.up_at(int(latest.t_ns[-1]))
-        found = verdict.error_series(self._recording.scenario, latest, up)
-        speed = t_s / max(self.wall_s, 1e-9)
-        errors = " ".join(
-            f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items()
-        )
-        self._progress.update(
-            self._task, completed=t_s, description=f"t = {t_s:.1f} s  {times(speed)}  {errors}"
-        )

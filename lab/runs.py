@@ -13,10 +13,10 @@ from rich.table import Table
 
 from formation.record import Outcome
 from lab import verdict
+from lab.exits import ALL_HOLD, BAD_INPUT
 from lab.links_table import output
 from lab.recorded import Unreadable, event_lines, read_verdict
 from lab.recording import being_written
-from lab.run import ALL_HOLD, BAD_INPUT
 from lab.verdict import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 
 RUNNING, NO_END = "running", "did not end"

@@ -6,22 +6,36 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from formation.process import to_end
+
 GRACE_S = 1.5
 """How long what is to end has to do so in order, before it is made to."""
 _AGAIN_S = 0.1
-_KINDS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, instead of raising wherever the program is."""
+    """An event that the signals to end (:func:`to_end`) set, instead of raising anywhere."""
     stopped = threading.Event()
-    before = [signal.signal(kind, lambda *_: stopped.set()) for kind in _KINDS]
+    before = {kind: signal.signal(kind, lambda *_: stopped.set()) for kind in to_end()}
     try:
         yield stopped
     finally:
-        for kind, handler in zip(_KINDS, before, strict=True):
+        for kind, handler in before.items():
             signal.signal(kind, handler)
+
+
+@contextmanager
+def kept_from_children() -> Iterator[None]:
+    """Processes that are started here by multiprocessing hear no Ctrl-C and no hang-up.
+
+    A terminal sends both to all processes; what they mean, the parent decides.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class Stop(BaseException):
@@ -37,7 +51,7 @@ def insisted(may: Callable[[], bool]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    handlers = {kind: signal.getsignal(kind) for kind in _KINDS}
+    handlers = {kind: signal.getsignal(kind) for kind in to_end()}
     before = {kind: handler for kind, handler in handlers.items() if callable(handler)}
     main = threading.get_ident()
     reminders: list[threading.Timer] = []

@@ -26,3 +26,8 @@ def _told(name: str, value: object) -> str:
 def named(robots: Sequence[object]) -> str:
     """``robot 3``, or ``robots 3, 4``."""
     return f"robot{'s' * (len(robots) != 1)} {', '.join(map(str, robots))}"
+
+
+def times(factor: float) -> str:
+    """How many times as fast as real time."""
+    return f"{factor:.2g} ×" if factor < 10.0 else f"{factor:.0f} ×"

@@ -15,6 +15,7 @@ from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
 from lab import lyapunov
 from lab.build import compiled
+from lab.files import replace
 from lab.recording import Collected, Trajectories, trajectory_sha256
 from netem.statistics import Fate, summarise
 from netem.tables import nanoseconds
@@ -105,9 +106,9 @@ def of(
 
 
 def save(verdict: Mapping[str, Any], folder: Path) -> None:
-    """Write ``verdict.json`` into ``folder``."""
+    """Write ``verdict.json`` into ``folder``, whole or not at all. Raises OSError."""
     text = json.dumps(verdict, indent=2, allow_nan=False, ensure_ascii=False)
-    (folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
+    replace(folder / "verdict.json", text + "\n")
 
 
 def claimed(verdict: Mapping[str, Any]) -> dict[str, bool | None]:

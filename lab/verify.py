@@ -14,19 +14,12 @@ from formation.record import Record, Sample
 from lab import verdict
 from lab.difference import first_difference
 from lab.execution import execute
+from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from lab.foresight import obstacle
+from lab.progress import Waits
 from lab.recorded import Unreadable, read_whole
 from lab.recording import Recording, trajectory_sha256
-from lab.run import (
-    ALL_HOLD,
-    BAD_INPUT,
-    BROKEN,
-    INTERRUPTED,
-    ONE_FAILS,
-    Waits,
-    report_problems,
-    say_slow,
-)
+from lab.run import report_problems, say_slow
 from lab.signals import stop_signals
 from netem.timeline import NEVER
 

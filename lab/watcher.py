@@ -35,7 +35,7 @@ class Watcher:
         options += ["--plaintext"] if self._where.plaintext else []
         with (self._folder / "logs" / "monitor.log").open("wb") as log:
             self._child = LocalChild(
-                [sys.executable, "-m", "lab.cli", "monitor", *options],
+                [sys.executable, "-m", "lab", "monitor", *options],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
                 start_new_session=True,
             )  # fmt: skip

@@ -398,7 +398,7 @@ def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
 
     held = []
     with ExitStack() as stack:
-        launch = Launch(out / "scenario.toml", scenario, "run", recording, out / "logs", where, lie)
+        launch = Launch(scenario, "run", recording, out / "logs", where, lie)
         until(lambda: lies <= told())
         outcome = launch.wait(lambda: False, lambda: None)
         held.clear()

@@ -3,8 +3,8 @@
 import json
 import time
 from collections.abc import Iterator, Sequence
-from datetime import datetime
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,10 +23,13 @@ from lab.claims.catalogue import COMPARED, catalogue
 from lab.claims.claim import Case, Claim
 from lab.claims.results import BROKEN, EQUATIONS, FAILS, HOLDS, OBSERVED, Result, Row
 from lab.execution import execute
+from lab.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, in_words
+from lab.exits import BROKEN as RUN_BROKE
+from lab.exits import of as code_of
+from lab.files import attempt, replace
+from lab.folders import claimed, fresh_folder
 from lab.links_table import output
-from lab.recording import Collected, Recording, fresh_folder
-from lab.run import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS
-from lab.run import BROKEN as RUN_BROKE
+from lab.recording import Collected, Recording
 from lab.scenarios import CONFIGS
 from lab.signals import stop_signals
 
@@ -59,14 +62,16 @@ def run_claims(
         keys = ", ".join(claim.key for claim in claims)
         console.print(f"[red]--only:[/] {escape(unmatched[0])} matches no claim ({keys})")
         return BAD_INPUT
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     try:
-        folder = fresh_folder(out or Path("runs") / f"claims-{stamp}")
         if into is not None:
             report.around(into)  # before the work, not after it
-    except (OSError, report.NoBlock) as error:
-        console.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
+        folder = claimed(out, "claims", partial(fresh_folder, first="claims.md"))
+    except report.NoBlock as error:
+        console.print(f"[red]--into:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
+    except OSError as error:
+        console.print(f"[red]error:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
     work = [
         _Work(claim.key, case, folder / "cases" / claim.key / case.name, inline)
         for claim in chosen
@@ -80,10 +85,12 @@ def run_claims(
         except pool.WorkFailed as error:
             failed = str(error)
     rows = list(_rows(chosen, done))
-    _write(folder, rows, mode="inline" if inline else "distributed")
+    problems = attempt(partial(_write, folder, rows, mode="inline" if inline else "distributed"))
     output().print(_table(rows))
     if into is not None and len(done) == len(work):
-        report.put_into(into, report.markdown(rows))
+        problems += attempt(partial(report.put_into, into, report.markdown(rows)))
+    for problem in problems:
+        console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
     if failed is not None:
         console.print(f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}")
@@ -91,6 +98,8 @@ def run_claims(
     if len(done) < len(work):
         console.print(f"interrupted after {len(done)} of {len(work)} runs")
         return INTERRUPTED
+    if problems:
+        return RUN_BROKE
     verdicts = {row.verdict for row in rows}
     return RUN_BROKE if BROKEN in verdicts else ONE_FAILS if FAILS in verdicts else ALL_HOLD
 
@@ -153,8 +162,8 @@ def _run(item: _Work, stopped: pool.Stopped) -> Result:
     result = Result(item.case, judged, seconds)
     if result.as_expected:
         recording.close()
-    else:
-        recording.save()
+    elif problems := recording.save():
+        raise problems[0]
     return result
 
 
@@ -172,10 +181,10 @@ def _rows(claims: Sequence[Claim], done: dict[tuple[str, str], Result]) -> Itera
 
 
 def _write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
-    (folder / "claims.md").write_text(report.markdown(rows), encoding="utf-8")
+    replace(folder / "claims.md", report.markdown(rows))
     text = json.dumps(report.as_json(rows, mode=mode), indent=2, allow_nan=False,
                       ensure_ascii=False)  # fmt: skip
-    (folder / "claims.json").write_text(text + "\n", encoding="utf-8")
+    replace(folder / "claims.json", text + "\n")
     drawn = {"claims": figures.summary(rows)} if rows else {}
     following = next((row for row in rows if row.claim.key == "leader-follower"), None)
     if following is not None:

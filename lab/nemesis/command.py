@@ -5,7 +5,7 @@ import shlex
 import time
 from collections import Counter
 from collections.abc import Sequence
-from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,14 @@ from rich.markup import escape
 from formation.loading import ScenarioError, dumps
 from formation.scenario import Scenario
 from lab import pool
+from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
+from lab.exits import of as code_of
+from lab.files import replace
+from lab.folders import claimed, fresh_folder
 from lab.nemesis.schedule import Episode, describe, draw, scheduled
 from lab.nemesis.shrink import shrunk
 from lab.nemesis.trial import Finding, Trial, tried
-from lab.recording import fresh_folder
-from lab.run import (
-    ALL_HOLD,
-    BAD_INPUT,
-    BROKEN,
-    INTERRUPTED,
-    ONE_FAILS,
-    load_checked,
-    report_problems,
-    warn,
-)
+from lab.run import load_checked, report_problems, warn
 from lab.signals import stop_signals
 
 SAMPLE_EVERY = 10
@@ -57,12 +51,13 @@ def run_nemesis(
     if refused is not None:
         console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
         return BAD_INPUT
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    repeat = _repeat(path, overrides, limit_s, inline=inline)
     try:
-        folder = fresh_folder(out or Path("runs") / f"nemesis-{stamp}")
+        folder = claimed(out, "nemesis", partial(fresh_folder, first="command.txt"))
+        replace(folder / "command.txt", f"{repeat} {seed}\n")
     except OSError as error:
-        console.print(f"[red]--out:[/] {escape(str(error))}", soft_wrap=True)
-        return BAD_INPUT
+        console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
     trials = [
         Trial(
             scenario, number, draw(scenario, number, CHAOS_SHARE * scenario.duration_s),
@@ -70,7 +65,6 @@ def run_nemesis(
         )
         for number in range(seed, seed + runs)
     ]  # fmt: skip
-    repeat = _repeat(path, overrides, limit_s, inline=inline)
     done: dict[int, Finding] = {}
     failed = None
     with stop_signals() as stopped:
@@ -87,6 +81,8 @@ def run_nemesis(
                     _report(console, folder, trial, finding, repeat, stopped.is_set)
         except pool.WorkFailed as error:
             failed = str(error)
+        except OSError as error:
+            failed = in_words(error)
     _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
     _summarise(console, folder, trials, done)
     if failed is not None:
@@ -137,10 +133,10 @@ def _report(
     place.mkdir()
     for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
         scenario = scheduled(trial.scenario, trial.seed, episodes)
-        (place / f"{name}.toml").write_text(dumps(scenario), encoding="utf-8")
+        replace(place / f"{name}.toml", dumps(scenario))
     lines = list(describe(least))
     text = "\n".join([*finding.problems, "", "shrunk to:", *lines])
-    (place / "problems.txt").write_text(text + "\n", encoding="utf-8")
+    replace(place / "problems.txt", text + "\n")
     console.print(f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
                   f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
     for line in lines or ["(none: it fails without any)"]:
@@ -183,7 +179,7 @@ def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:
         for trial, finding in done
     ]
     text = json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "nemesis.json").write_text(text + "\n", encoding="utf-8")
+    replace(folder / "nemesis.json", text + "\n")
 
 
 def _summarise(
