@@ -7,8 +7,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from lab.links_table import links_table, output
+from lab.links_table import links_table
 from lab.signals import stop_signals
+from lab.tables import output
 from netem.bridge import Bridge, BridgeError, session
 from netem.control import server
 from netem.lanes import NetworkFileError, checked_keys, load

@@ -20,9 +20,9 @@ from lab.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from lab.exits import of as code_of
 from lab.folders import fresh_folder
 from lab.keypaths import by_path, shown
-from lab.links_table import output
 from lab.recorded import Recorded, Unreadable, read_whole
 from lab.run import CLAIM_TITLES, report_problems
+from lab.tables import output
 from lab.verdict import by_claim, error_series, standing, tolerances_of
 
 MOST_RUNS = 2 * len(COLOURS)

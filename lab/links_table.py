@@ -3,21 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from lab.tables import WIDE, Column, output, table
+
 MOST_LINKS = 20
 """How many links the table shows."""
-_WIDE = 110
-"""Characters that all columns need."""
-
-
-def output() -> Console:
-    """Standard output; where it is no terminal, wide enough for tables."""
-    console = Console()
-    return console if console.is_terminal else Console(width=max(console.width, _WIDE))
+_DELAYS = {"min": 7, "mean": 1, "p50": 6, "p95": 8, "p99": 4, "max": 2}
+"""Columns of the delay, and their ranks."""
 
 
 def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: str) -> Table:
@@ -25,26 +19,25 @@ def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: s
     title = "messages by link; delay and jitter in ms, longest silence in s"
     if len(links) > MOST_LINKS:
         title += f" (the first {MOST_LINKS} of {len(links)}; {where_all_are})"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    wide = output().width >= _WIDE
-    delays = ("min", "mean", "p50", "p95", "p99", "max") if wide else ("mean", "p99", "max")
-    for head in ("link", "sent", "arrived", "lost", *delays, "jitter", "silence"):
-        table.add_column(head, justify="right", no_wrap=head != "lost")
+    width = output().width
+    columns = [
+        Column("link"), Column("sent", 3), Column("arrived", 9), Column("lost", wraps=True),
+        *(Column(*item) for item in _DELAYS.items()), Column("jitter", 10), Column("silence", 5),
+    ]  # fmt: skip
+    rows = []
     for name, link in links[:MOST_LINKS]:
         delay = link["delay_s"] or {}
-        table.add_row(
-            escape(name),
-            str(link["sent"]),
-            str(link["delivered"]),
-            _lost(link) if wide else _share_lost(link),
-            *(_number(delay[key] * 1e3) if delay else "-" for key in delays),
-            _number(link["jitter_s"] * 1e3),
-            _number(link["longest_silence_s"]),
-        )
+        rows.append([
+            escape(name), str(link["sent"]), str(link["delivered"]),
+            _lost(link) if width >= WIDE else _share_lost(link),
+            *(_number(delay[key] * 1e3) if delay else "-" for key in _DELAYS),
+            _number(link["jitter_s"] * 1e3), _number(link["longest_silence_s"]),
+        ])  # fmt: skip
+    made = table(title, columns, rows, where_all_are, width)
     if in_flight := sum(link["in_flight"] for _, link in links):
-        table.caption = f"messages still on their way at the end: {in_flight}"
-        table.caption_justify = "left"
-    return table
+        said = f"messages still on their way at the end: {in_flight}"
+        made.caption = f"{made.caption}\n{said}" if made.caption else said
+    return made
 
 
 def _lost(link: Mapping[str, Any]) -> str:

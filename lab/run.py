@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -20,11 +19,12 @@ from lab.exits import of as code_of
 from lab.files import attempt
 from lab.folders import check_free, claimed
 from lab.foresight import foresee
-from lab.links_table import links_table, output
+from lab.links_table import links_table
 from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.progress import Watch
 from lab.recording import Recording
 from lab.signals import stop_signals
+from lab.tables import Column, output, table
 from lab.telling import named, times
 from netem.problems import Problem
 
@@ -200,48 +200,50 @@ def _save(recording: Recording, judged: dict[str, Any]) -> list[OSError]:
 
 
 def _table(judged: dict[str, Any]) -> Table:
-    table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left",
-                  box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption_justify="left")  # fmt: skip
-    if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
-        table.caption = "of V: the largest rise of the whole run, by its share of V"
-    for column in ("claim", "expected", "observed", "largest at end", "tolerance", "verdict"):
-        table.add_column(column, justify="left" if column == "claim" else "right", no_wrap=True)
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
     words = {True: "yes", False: "no", None: "-"}
+    columns = [
+        Column("claim", left=True), Column("expected", 3), Column("observed", 4),
+        Column("largest at end", 1), Column("tolerance", 2), Column("verdict"),
+    ]  # fmt: skip
+    rows = []
     for claim, entry in judged["claims"].items():
         title, unit = CLAIM_TITLES[claim]
         largest = entry["largest_in_window"]
-        table.add_row(
-            title,
-            words[entry["expected"]],
-            words[entry["observed"]],
-            "-" if largest is None else f"{largest:.2e} {unit}",
-            f"{entry['tolerance']:g} {unit}",
+        rows.append([
+            title, words[entry["expected"]], words[entry["observed"]],
+            "-" if largest is None else f"{largest:.2e} {unit}", f"{entry['tolerance']:g} {unit}",
             "[dim]not claimed[/]" if entry["expected"] is None else marks[entry["holds"]],
-        )
-    return table
+        ])  # fmt: skip
+    title = f"{judged['scenario']}: {escape(judged['why'])}"
+    made = table(title, columns, rows, "verdict.json has all", output().width)
+    if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
+        said = "of V: the largest rise of the whole run, by its share of V"
+        made.caption = f"{made.caption}\n{said}" if made.caption else said
+    return made
 
 
 def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
     """How well a run in real time kept its time, by process."""
-    table = Table(title="real time (p50, p99 in ms; all is in verdict.json)", title_justify="left",
-                  box=SIMPLE_HEAD)  # fmt: skip
-    for column in ("", "missed periods", "woke late", "sense→drive", "transit", "clock"):
-        table.add_column(column, justify="right", no_wrap=True)
+    columns = [
+        Column(""), Column("missed periods"), Column("woke late", 3), Column("sense→drive", 1),
+        Column("transit", 4), Column("clock", 2),
+    ]  # fmt: skip
 
     def spread(found: dict[str, float] | None) -> str:
         return "-" if found is None else f"{1e3 * found['p50']:.2f} {1e3 * found['p99']:.2f}"
 
-    table.add_row("plant", "", spread(timing["plant"]["woke_late_s"]))
+    rows = [["plant", "", spread(timing["plant"]["woke_late_s"]), "", "", ""]]
     for robot, own in timing["robots"].items():
         bound_s = own["clock_uncertainty_s"]
         known = f"±{1e3 * bound_s:.2f}"
-        table.add_row(
+        rows.append([
             f"robot {robot}", f"{own['missed']} of {own['periods']}", spread(own["woke_late_s"]),
             spread(own["sense_to_drive_s"]), spread(own["transit_s"]),
             known if bound_s <= sync_bound_s else f"[red]{known}[/]",
-        )  # fmt: skip
-    return table
+        ])  # fmt: skip
+    where = "verdict.json has all"
+    return table(f"real time (p50, p99 in ms; {where})", columns, rows, where, output().width)
 
 
 def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -> None:
@@ -282,7 +284,13 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     settled = judged["settling_time_s"]
     factor = judged["realtime_factor"] or 0.0
     console.print(
-        ("" if settled is None else f"settled after {settled:.2f} s; ")
+        (
+            f"settled after {settled:.2f} s; "
+            if settled is not None
+            else "it never settled; "
+            if outcome["kind"] == "completed" and robots["judged"]
+            else ""
+        )
         + f"simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
         + f"({times(factor)} real time)"
     )

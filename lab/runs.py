@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -14,9 +13,9 @@ from rich.table import Table
 from formation.record import Outcome
 from lab import verdict
 from lab.exits import ALL_HOLD, BAD_INPUT
-from lab.links_table import output
 from lab.recorded import Unreadable, event_lines, read_verdict
 from lab.recording import being_written
+from lab.tables import Column, output, table
 from lab.verdict import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 
 RUNNING, NO_END = "running", "did not end"
@@ -180,22 +179,21 @@ def _changed(place: Path) -> str:
 
 
 def _table(entries: list[Entry]) -> Table:
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("folder", overflow="fold", no_wrap=not output().is_terminal)
-    table.add_column("standing", no_wrap=True)
-    table.add_column("claims")
-    for column in ("settled", "simulated"):
-        table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("begun", no_wrap=True)
+    columns = [
+        Column("folder", left=True, wraps=output().is_terminal),
+        Column("standing", left=True), Column("claims", 1, left=True, wraps=True),
+        Column("settled", 3), Column("simulated", 4), Column("begun", 2, left=True),
+    ]  # fmt: skip
+    rows = []
     for entry in entries:
         style = _STYLES.get(entry.standing, "red")
         said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
-        table.add_row(
+        rows.append([
             escape(entry.folder.name), f"[{style}]{escape(entry.standing)}[/]", escape(said),
             _seconds(entry.settled_s), _seconds(entry.simulated_s),
             entry.when[:16].replace("T", " "),
-        )  # fmt: skip
-    return table
+        ])  # fmt: skip
+    return table("", columns, rows, "--json has all", output().width)
 
 
 def in_words(claims: Mapping[str, bool | None]) -> str:

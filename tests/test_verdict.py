@@ -18,7 +18,8 @@ from formation.messages import Rejected
 from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 from formation.theory import CLAIMS
 from lab import inline, verdict
-from lab.recording import Recording, RunExists, trajectory_sha256
+from lab.folders import RunExists
+from lab.recording import Recording, trajectory_sha256
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -28,10 +28,10 @@ from lab.exits import BROKEN as RUN_BROKE
 from lab.exits import of as code_of
 from lab.files import attempt, replace
 from lab.folders import claimed, fresh_folder
-from lab.links_table import output
 from lab.recording import Collected, Recording
 from lab.scenarios import CONFIGS
 from lab.signals import stop_signals
+from lab.tables import output
 
 _UNITS = {"Eq. 3": "m", "Eq. 4": "rad", "Eq. 5": "m"}
 _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
