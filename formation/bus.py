@@ -6,21 +6,15 @@ router inside its process); everybody else is its client.
 """
 
 import json
-import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
 from typing import Any
 
-# One thread for all of Zenoh's asynchronous work; read when zenoh is loaded. Its default
-# of a thread pool per kind of work costs a lockstep tick a quarter more on two cores.
-os.environ.setdefault(
-    "ZENOH_RUNTIME",
-    "(app: (worker_threads: 1), rx: (handover: app), tx: (handover: app), acc: (handover: app), "
-    "net: (handover: app))",
-)
+from formation import threads  # noqa: F401 (first: Zenoh reads what it sets, when it is loaded)
 
+# isort: split
 import zenoh
 from mypy_extensions import mypyc_attr
 

@@ -3,7 +3,6 @@
 Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
 
-import os
 import sys
 from pathlib import Path
 from typing import NoReturn
@@ -74,11 +73,12 @@ KEYS = click.option(
 PLAINTEXT = click.option(
     "--plaintext", is_flag=True, help="Off loopback without TLS: only on a network that you trust."
 )
+LONGEST_LEASE_S = 3600.0
 LEASE = click.option(
     "--lease",
     "lease_s",
-    type=Number(0.1, 3600.0),
-    default=3600.0,
+    type=Number(0.1, LONGEST_LEASE_S),
+    default=LONGEST_LEASE_S,
     show_default=True,
     metavar="SECONDS",
     help="The other end takes this one for gone once it has said nothing for so long.",
@@ -726,7 +726,10 @@ def agent(
     lease_s: float,
 ) -> None:
     """Be one robot of a run."""
-    _choose_threads(lease_s)
+    from formation import threads
+
+    if lease_s < LONGEST_LEASE_S:  # one that is gone must not hold up the others
+        threads.many()
     from agent.process import main as agent_main
     from formation.bus import BusError
     from formation.security import KeysError
@@ -796,7 +799,10 @@ def plant(
     """
     if (listen is None) == (connect is None):
         raise click.UsageError("needs --listen or --connect, and not both")
-    _choose_threads(lease_s)
+    from formation import threads
+
+    if lease_s < LONGEST_LEASE_S:
+        threads.many()
     from formation.bus import BusError
     from formation.loading import ScenarioError, load, loads
     from formation.process import read_scenario
@@ -829,17 +835,6 @@ def plant(
         _fail(3, str(error))
     except OSError as error:
         _fail(3, in_words(error))
-
-
-def _choose_threads(lease_s: float) -> None:
-    """Before zenoh is loaded: where an end may be gone, closing it must not hold up the others.
-
-    Each connection to a machine that is gone may keep a thread busy for seconds. On one machine,
-    formnet.bus's single thread is faster.
-    """
-    if lease_s < 3600.0:
-        many = "(worker_threads: 64)"
-        os.environ["ZENOH_RUNTIME"] = f"(rx: {many}, tx: {many}, net: {many}, app: {many})"
 
 
 def _view(*, view: bool, web: bool) -> str | None:
