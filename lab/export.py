@@ -14,6 +14,7 @@ from formation.loading import ScenarioError
 from lab.build import install
 from lab.exits import ALL_HOLD, BAD_INPUT, in_words
 from lab.exits import of as code_of
+from lab.files import replace
 from lab.folders import RunExists, fresh_folder
 from lab.recorded import Recorded, Unreadable, event_lines, read_whole
 from lab.recording import LINKS, STATES
@@ -53,12 +54,18 @@ def write_csv(run: Recorded, folder: Path) -> None:
     """
     fresh_folder(folder, "events.csv")
     for name in (STATES, LINKS):
-        pyarrow.csv.write_csv(pq.read_table(run.folder / name), (folder / name).with_suffix(".csv"))
+        _write_csv(pq.read_table(run.folder / name), (folder / name).with_suffix(".csv"))
     lines = list(event_lines(run.folder))
     own = ("t_s", "event", "wall")
     events = {name: [line.pop(name) for line in lines] for name in own}
     events["details"] = [json.dumps(line, ensure_ascii=False) for line in lines]
-    pyarrow.csv.write_csv(pa.table(events), folder / "events.csv")
+    _write_csv(pa.table(events), folder / "events.csv")
+
+
+def _write_csv(table: pa.Table, file: Path) -> None:
+    whole = pa.BufferOutputStream()
+    pyarrow.csv.write_csv(table, whole)
+    replace(file, whole.getvalue())
 
 
 def write_mcap(run: Recorded, file: Path) -> None:

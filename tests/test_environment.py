@@ -100,7 +100,7 @@ def readable(folder: Path) -> set[str]:
     names = {item.name for item in folder.iterdir()}
     assert not [name for name in names if name.startswith(".")], names
     for name in names & {STATES, LINKS}:
-        assert pq.read_table(folder / name).num_rows > 0
+        pq.read_table(folder / name)
     if "verdict.json" in names:
         read_verdict(folder)
     if "events.jsonl" in names:
@@ -182,9 +182,8 @@ def test_a_reader_who_leaves_after_a_line_stops_no_saving(tmp_path):
     assert {STATES, LINKS, "verdict.json", "report.html"} <= readable(out)
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252"])
-def test_what_an_encoding_lacks_is_escaped(recorded, tmp_path, encoding):
-    env = environment(PYTHONIOENCODING=encoding)
+def test_what_an_encoding_lacks_is_escaped(recorded, tmp_path):
+    env = environment(PYTHONIOENCODING="latin-1")
     for command in (
         ["run", "section5", *NO_CLAIMS, "--out", tmp_path / "run"],
         ["list", recorded.parent], ["verify", recorded], ["compare", recorded, recorded],
@@ -192,8 +191,10 @@ def test_what_an_encoding_lacks_is_escaped(recorded, tmp_path, encoding):
     ):  # fmt: skip
         code, text = said(command, tmp_path, env)
         assert code == (BROKEN if "problems:" in text else ALL_HOLD), text
-    assert "\\u2192" in said(["check", "every-fault"], tmp_path, env)[1] or encoding == "ascii"
     assert "report.html" in readable(tmp_path / "run")
+    for encoding in ("latin-1", "ascii", "cp1252"):
+        env = environment(PYTHONIOENCODING=encoding)
+        assert "\\u03bb_min" in said(["check", "section5"], tmp_path, env)[1]
 
 
 def test_closed_streams_lead_nowhere_and_not_into_the_record(tmp_path):
@@ -283,7 +284,7 @@ def test_commands_anywhere(recorded, place, tmp_path):
     seed = random.randrange(2**32)
     print(f"seed {seed}")
     draw = random.Random(seed)
-    for number in range(36):
+    for number in range(24):
         size = draw.choice(("24k", "96k", "400k", "40m"))
         place.mount(size)
         protected = draw.random() < 0.25
