@@ -26,6 +26,14 @@ class Number(click.FloatRange):
 
     name = "number"
 
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number: float = super().convert(value, param, ctx)
+        if number != number:  # no bound keeps nan out
+            self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
+        return number
+
 
 def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
     from lab.scenarios import find
@@ -389,13 +397,14 @@ def new(
 )
 def schema(out: Path | None) -> None:
     """Print the JSON Schema of scenarios, for editors."""
+    from lab import files
     from lab.schema import text
 
     if out is None:
         click.echo(text(), nl=False)
         return
     try:
-        out.write_text(text(), encoding="utf-8")
+        files.replace(out, text())
     except OSError as error:
         _fail(2, f"--out {out}: {error.strerror}")
 
@@ -566,7 +575,7 @@ def claims(
 @click.option(
     "--limit",
     "limit_s",
-    type=Number(1.0),
+    type=Number(1.0, 1e9),
     default=600.0,
     show_default=True,
     metavar="SECONDS",
@@ -761,7 +770,7 @@ def agent(
 @click.option(
     "--start-patience",
     "start_patience_s",
-    type=Number(1.0),
+    type=Number(1.0, 1e9),
     metavar="SECONDS",
     help="End the run if no robot gets further for so long before the first tick  [default: wait]",
 )

@@ -68,12 +68,13 @@ def write_mcap(run: Recorded, file: Path) -> None:
     if file.exists():
         raise RunExists(f"{file} exists already; nothing is ever overwritten")
     file.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with file.open("xb") as stream:
+    with file.open("xb") as stream:
+        try:
             foxglove.write(run, stream)
-    except BaseException:
-        file.unlink()  # half of one
-        raise
+            stream.flush()
+        except BaseException:
+            file.unlink()  # half of one
+            raise
 
 
 _FORMATS: dict[str, tuple[Callable[[Recorded, Path], None], str]] = {

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from lab import files
+
 FILE = "live.json"
 
 
@@ -12,7 +14,7 @@ FILE = "live.json"
 def noted(folder: Path, endpoint: str, run: str) -> Iterator[None]:
     """Say in a run's folder where it goes on, as long as it does."""
     file = folder / FILE
-    file.write_text(json.dumps({"endpoint": endpoint, "run": run}) + "\n", encoding="utf-8")
+    files.replace(file, json.dumps({"endpoint": endpoint, "run": run}) + "\n")
     try:
         yield
     finally:

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from formation.graph import laplacian
 from formation.loading import ScenarioError, loads
 from formation.scenario import Scenario
-from lab import schema
+from lab import files, schema
 from lab.stiffness import MARGIN, course, longest_period_s
+from netem.csvfile import first_of, read_numbers
 from netem.presets import PRESETS
 from netem.problems import nearest
 from netem.settings import LinkSettings
-from netem.tables import read_numbers
 
 PERIODS_S = (0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001)
 """Control periods to choose from, the longest that is short enough; the first suits robots."""
@@ -52,14 +52,18 @@ def write(wish: Wish, out: Path | None) -> Path:
     """Write the scenario and, if there is none beside it, the schema; returns where.
 
     Raises:
-        CannotWrite: a wish that cannot be met, a file that exists or cannot be written.
+        CannotWrite: a wish that cannot be met, a file that exists or cannot be written. Then
+            nothing was.
     """
     text = scenario_text(wish)
     path = out or Path(f"{wish.name}.toml")
     try:
-        with path.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-        schema.write_beside(path.parent)
+        files.write_new(path, text)
+        try:
+            schema.write_beside(path.parent)
+        except OSError:
+            path.unlink()
+            raise
     except FileExistsError:
         raise CannotWrite(f"{path} exists already; nothing is overwritten") from None
     except OSError as error:
@@ -132,17 +136,23 @@ def _offsets(wish: Wish) -> list[Pair]:
     if wish.spacing_m is not None:
         raise CannotWrite("--spacing: the places of a file have their own")
     try:
-        places = [(x, y) for x, y in read_numbers(path, 2)]
+        found = read_numbers(path, 2)
     except ValueError as error:
         raise CannotWrite(f"--pattern: {error}") from None
+    places = [(x, y) for x, y in found.rows]
     if wish.robots not in (None, len(places)):
         raise CannotWrite(f"--robots {wish.robots}: file {path} has places for {len(places)}")
     if len(places) < 2:
         raise CannotWrite(f"--pattern: file {path} has one place; a formation needs two")
-    for robot, place in enumerate(places, start=1):
-        first = places.index(place) + 1
-        if first < robot:
-            raise CannotWrite(f"--pattern: file {path}: robots {first} and {robot} have one place")
+    first: dict[Pair, int] = {}
+    shared = [
+        f"{found.place(row)} = {place[0]}, {place[1]}: robot {row + 1} has the place of robot "
+        f"{earlier + 1} (line {found.lines[earlier]})"
+        for row, place in enumerate(places)
+        if (earlier := first.setdefault(place, row)) < row
+    ]
+    if shared:
+        raise CannotWrite(f"--pattern: {first_of(shared)}")
     return places
 
 

@@ -24,6 +24,7 @@ from formation.loading import dumps
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formation.roster import Roster
 from formation.scenario import Scenario
+from lab import files
 from netem.tables import nanoseconds
 
 if sys.platform != "win32":
@@ -189,7 +190,7 @@ class Recording(Collected):
         self.folder = fresh_folder(folder)
         # What befalls robots the plant reports itself.
         self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
-        (folder / "scenario.toml").write_text(dumps(scenario), encoding="utf-8")
+        files.write_new(folder / "scenario.toml", dumps(scenario))
         self._events = (folder / "events.jsonl").open("x", encoding="utf-8")
         with suppress(OSError):  # a file system without locks
             _lock(self._events)

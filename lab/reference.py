@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from lab import files
 from lab.schema import scenario_schema
 
 Schema = dict[str, Any]
@@ -196,7 +197,7 @@ def _bounds(entry: Schema) -> str:
     bounds = [
         f"{sign} {entry[key]:g}"
         for key, sign in signs.items()
-        if key in entry and entry[key] < 1e9  # as good as none
+        if key in entry and entry[key] <= 1e9  # above, as good as none
     ]
     return " " + ", ".join(bounds) if bounds else ""
 
@@ -215,4 +216,4 @@ def _words(entry: Schema) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(reference(), encoding="utf-8")
+    files.replace(Path(sys.argv[1]), reference())

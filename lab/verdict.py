@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
-from lab import lyapunov
+from lab import files, lyapunov
 from lab.build import compiled
 from lab.recording import Collected, Trajectories, trajectory_sha256
 from netem.statistics import Fate, summarise
@@ -107,7 +107,7 @@ def of(
 def save(verdict: Mapping[str, Any], folder: Path) -> None:
     """Write ``verdict.json`` into ``folder``."""
     text = json.dumps(verdict, indent=2, allow_nan=False, ensure_ascii=False)
-    (folder / "verdict.json").write_text(text + "\n", encoding="utf-8")
+    files.replace(folder / "verdict.json", text + "\n")
 
 
 def claimed(verdict: Mapping[str, Any]) -> dict[str, bool | None]:

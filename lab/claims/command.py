@@ -16,8 +16,9 @@ from rich.table import Table
 
 from formation.loading import load
 from formation.scenario import Scenario
+from lab import files, pool, verdict
 from lab import inline as one_process
-from lab import pool, verdict
+from lab.canvas import save
 from lab.claims import figures, report
 from lab.claims.catalogue import COMPARED, catalogue
 from lab.claims.claim import Case, Claim
@@ -80,10 +81,14 @@ def run_claims(
         except pool.WorkFailed as error:
             failed = str(error)
     rows = list(_rows(chosen, done))
-    _write(folder, rows, mode="inline" if inline else "distributed")
     output().print(_table(rows))
-    if into is not None and len(done) == len(work):
-        report.put_into(into, report.markdown(rows))
+    try:
+        _write(folder, rows, mode="inline" if inline else "distributed")
+        if into is not None and len(done) == len(work):
+            report.put_into(into, report.markdown(rows))
+    except (OSError, report.NoBlock) as error:
+        console.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
+        return RUN_BROKE
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
     if failed is not None:
         console.print(f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}")
@@ -172,17 +177,16 @@ def _rows(claims: Sequence[Claim], done: dict[tuple[str, str], Result]) -> Itera
 
 
 def _write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
-    (folder / "claims.md").write_text(report.markdown(rows), encoding="utf-8")
+    files.write_new(folder / "claims.md", report.markdown(rows))
     text = json.dumps(report.as_json(rows, mode=mode), indent=2, allow_nan=False,
                       ensure_ascii=False)  # fmt: skip
-    (folder / "claims.json").write_text(text + "\n", encoding="utf-8")
+    files.write_new(folder / "claims.json", text + "\n")
     drawn = {"claims": figures.summary(rows)} if rows else {}
     following = next((row for row in rows if row.claim.key == "leader-follower"), None)
     if following is not None:
         drawn["remark-9"] = _remark_9(following)
     for name, figure in drawn.items():
-        for kind in ("png", "svg"):
-            figure.savefig(folder / f"{name}.{kind}", dpi=130)
+        save(figure, folder, name)
 
 
 def _remark_9(row: Row) -> Figure:

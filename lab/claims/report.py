@@ -5,6 +5,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from lab import files
 from lab.claims.results import EQUATIONS, Row
 from lab.verdict import versions
 
@@ -95,4 +96,4 @@ def around(file: Path) -> tuple[str, str]:
 def put_into(file: Path, table: str) -> None:
     """Replace what stands between BEGIN and END in ``file``; raises as :func:`around`."""
     before, after = around(file)
-    file.write_text(f"{before}{BEGIN}\n{table}{END}{after}", encoding="utf-8")
+    files.replace(file, f"{before}{BEGIN}\n{table}{END}{after}")

@@ -14,7 +14,7 @@ from rich.markup import escape
 
 from formation.loading import ScenarioError, dumps
 from formation.scenario import Scenario
-from lab import pool
+from lab import files, pool
 from lab.nemesis.schedule import Episode, describe, draw, scheduled
 from lab.nemesis.shrink import shrunk
 from lab.nemesis.trial import Finding, Trial, tried
@@ -85,10 +85,13 @@ def run_nemesis(
                 done[trial.seed] = finding
                 if finding.problems:
                     _report(console, folder, trial, finding, repeat, stopped.is_set)
-        except pool.WorkFailed as error:
+        except (pool.WorkFailed, OSError) as error:
             failed = str(error)
-    _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
     _summarise(console, folder, trials, done)
+    try:
+        _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
+    except OSError as error:
+        failed = failed or str(error)
     if failed is not None:
         console.print(f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}")
         return BROKEN
@@ -137,10 +140,10 @@ def _report(
     place.mkdir()
     for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
         scenario = scheduled(trial.scenario, trial.seed, episodes)
-        (place / f"{name}.toml").write_text(dumps(scenario), encoding="utf-8")
+        files.write_new(place / f"{name}.toml", dumps(scenario))
     lines = list(describe(least))
     text = "\n".join([*finding.problems, "", "shrunk to:", *lines])
-    (place / "problems.txt").write_text(text + "\n", encoding="utf-8")
+    files.write_new(place / "problems.txt", text + "\n")
     console.print(f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
                   f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
     for line in lines or ["(none: it fails without any)"]:
@@ -183,7 +186,7 @@ def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:
         for trial, finding in done
     ]
     text = json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "nemesis.json").write_text(text + "\n", encoding="utf-8")
+    files.write_new(folder / "nemesis.json", text + "\n")
 
 
 def _summarise(
