@@ -1,6 +1,7 @@
 """``formnet new``: a scenario to begin with, whose gains and periods suit what was asked for."""
 
 import re
+from collections.abc import Iterator
 from math import ceil, cos, hypot, log, pi, sin, sqrt
 from pathlib import Path
 from random import Random
@@ -15,7 +16,7 @@ from formation.loading import ScenarioError, loads
 from formation.scenario import Scenario
 from lab import files, schema
 from lab.stiffness import MARGIN, course, longest_period_s
-from netem.csvfile import first_of, read_numbers
+from netem.csvfile import Numbers, first_of, read_numbers
 from netem.presets import PRESETS
 from netem.problems import nearest
 from netem.settings import LinkSettings
@@ -25,6 +26,8 @@ PERIODS_S = (0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001)
 BETA, EXCITATION_RADPS = 2.0, 0.5
 SLOWEST_PER_S = 0.25
 """λ_min(L + diag μ) is brought above this; β λ_min > 1/4 follows."""
+FARTHEST_M, NEAREST_M = 1e7, 1e-3
+"""Bounds on the places of a file: from the origin on either axis, and from one another."""
 MASS_KG, MASS_ESTIMATE_KG = 12.0, 15.0
 
 Pair = tuple[float, float]
@@ -144,16 +147,28 @@ def _offsets(wish: Wish) -> list[Pair]:
         raise CannotWrite(f"--robots {wish.robots}: file {path} has places for {len(places)}")
     if len(places) < 2:
         raise CannotWrite(f"--pattern: file {path} has one place; a formation needs two")
-    first: dict[Pair, int] = {}
-    shared = [
-        f"{found.place(row)} = {place[0]}, {place[1]}: robot {row + 1} has the place of robot "
-        f"{earlier + 1} (line {found.lines[earlier]})"
-        for row, place in enumerate(places)
-        if (earlier := first.setdefault(place, row)) < row
-    ]
-    if shared:
-        raise CannotWrite(f"--pattern: {first_of(shared)}")
+    bad = [*_too_far(found), *_too_near(found)]
+    if bad:
+        raise CannotWrite(f"--pattern: {first_of(bad)}")
     return places
+
+
+def _too_far(found: Numbers) -> Iterator[str]:
+    for row, place in enumerate(found.rows):
+        for column, value in enumerate(place):
+            if abs(value) > FARTHEST_M:
+                yield f"{found.place(row, column)} = {value}: must be within ±{FARTHEST_M:g} m"
+
+
+def _too_near(found: Numbers) -> Iterator[str]:
+    for row, (x, y) in enumerate(found.rows):
+        for earlier, (a, b) in enumerate(found.rows[:row]):
+            if hypot(x - a, y - b) < NEAREST_M:
+                yield (
+                    f"{found.place(row)} = {x}, {y}: robot {row + 1} must be at least "
+                    f"{NEAREST_M:g} m from robot {earlier + 1} (line {found.lines[earlier]})"
+                )
+                break
 
 
 # --- the graph ---------------------------------------------------------------------------
