@@ -32,6 +32,11 @@ one anywhere. The schema knows each value by itself. What must fit together (rob
 broadcast period that is a multiple of the control period, ends of a range) only `formnet check`
 sees.
 
+**Times.** Keys that end in `_s` are in seconds, rounded to whole nanoseconds. Periods, delays and
+instants of the timeline are at most 3600; how long a run, a window or a trace is, at most 1e9.
+`duration_s` and `clock.broadcast_period_s` must be multiples of `clock.control_period_s` to the
+nanosecond: 1/60 s is 16666667 ns, of which 0.1 s is no multiple.
+
 **Gains and periods.** `formnet check` and `formnet run` follow the closed loop on its way in,
 linearised again and again, and warn where commands are held for longer than 2/|λ| of its fastest
 rate λ: such a run chatters or diverges. The warning says which period, or which `law.beta`, would

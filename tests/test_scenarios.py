@@ -271,6 +271,23 @@ def test_an_option_that_is_a_key_of_scenarios_is_told_how(command):
     assert "What stands" not in near
 
 
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["nemesis", "yard", "--limit", "1e300"], "--limit"),
+        (["nemesis", "yard", "--limit", "nan"], "--limit"),
+        (["plant", "yard", "--run", "x", "--start-patience", "inf"], "--start-patience"),
+        (["plant", "yard", "--run", "x", "--lease", "nan"], "--lease"),
+        (["replay", "x", "--speed", "nan"], "--speed"),
+        (["new", "x", "--spacing", "nan"], "--spacing"),
+    ],
+)
+def test_numbers_of_options_have_bounds_and_are_numbers(words, option):
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert f"Invalid value for '{option}'" in result.output
+
+
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_bad_scenario_exits_2_with_every_problem(command, tmp_path):
     path = tmp_path / "bad.toml"
