@@ -13,26 +13,7 @@ import click
 
 from lab.build import install, stale
 from lab.completion import run_folders, toml_files
-
-
-class Whole(click.IntRange):
-    """A whole number within bounds; errors call it that."""
-
-    name = "whole number"
-
-
-class Number(click.FloatRange):
-    """A number within bounds; errors call it that."""
-
-    name = "number"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        number: float = super().convert(value, param, ctx)
-        if number != number:  # no bound keeps nan out
-            self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
-        return number
+from lab.options import Number, Whole
 
 
 def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:

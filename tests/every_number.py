@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import tomli_w
+from test_settings import COMPLETE
 
 Place = tuple[str | int, ...]
 
@@ -122,26 +123,6 @@ heading_tolerance_rad = 0.1
 centroid_tolerance_m = 0.1
 window_s = 1.0
 """
-KINDS = {
-    "delay": [
-        {"distribution": "uniform", "low_s": 0.1, "high_s": 0.2, "correlation": 0.5},
-        *({"distribution": name, "mean_s": 0.1, "stddev_s": 0.1, "offset_s": 0.1, "correlation": 0.5}
-          for name in ("normal", "lognormal", "gamma")),
-        {"distribution": "weibull", "scale_s": 0.1, "shape": 2.0, "offset_s": 0.1, "correlation": 0.5},
-        {"distribution": "pareto", "minimum_s": 0.1, "shape": 3.0, "offset_s": 0.1, "correlation": 0.5},
-        {"distribution": "exponential", "mean_s": 0.1, "offset_s": 0.1, "correlation": 0.5},
-        {"distribution": "empirical", "samples_s": [0.1, 0.2], "correlation": 0.5},
-        {"distribution": "trace", "times_s": [0.0, 1.0], "delays_s": [0.1, 0.2], "period_s": 2.0},
-    ],
-    "loss": [
-        {"model": "gilbert_elliott", "p": 0.1, "r": 0.5, "loss_in_bad": 0.9, "loss_in_good": 0.1},
-        {"model": "four_state", "p13": 0.1, "p31": 0.5, "p32": 0.1, "p23": 0.5, "p14": 0.1},
-        {"model": "trace", "losses": [0, 1]},
-        {"model": "every_nth", "n": 10},
-    ],
-}  # fmt: skip
-"""The kinds of delay and loss that TEXT does not have."""
-
 ODD = (1e300, -1e300, 1e-300, 5e-324, 2**63, -(2**63), float("nan"), float("inf"), -float("inf"),
        0, -0.0, 10**400)  # fmt: skip
 """TOML knows nan and inf; what is whole may be of any length."""
@@ -151,8 +132,8 @@ def bases() -> Iterator[dict[str, Any]]:
     """Scenarios that together have every numeric key, in tables of every kind."""
     yield tomllib.loads(TEXT)
     yield tomllib.loads(TEXT) | {"formation": {"edges": [[1, 2], [2, 3]], "coupling": 2.0}}
-    for key, tables in KINDS.items():
-        for table in tables:
+    for key in ("delay", "loss"):
+        for table in COMPLETE[key]:
             base = tomllib.loads(TEXT)
             base["timeline"] = []
             base["network"] = {"default": {key: table}}
