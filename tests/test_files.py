@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from lab import files
 from lab.cli import main
+from lab.export import write_mcap
 from lab.schema import FILE
 
 
@@ -87,6 +88,14 @@ def test_without_hard_links_a_new_file_is_written_all_the_same(here, monkeypatch
     files.write_new(here / "x", "text")
     assert os.listdir() == ["x"]
     assert Path("x").read_text() == "text"
+
+
+def test_an_export_removes_no_file_but_its_own(here):
+    """A link that leads nowhere is no file that exists, and cannot be written as a new one."""
+    Path("run.mcap").symlink_to("nowhere")
+    with pytest.raises(FileExistsError):
+        write_mcap(None, Path("run.mcap"))
+    assert os.listdir() == ["run.mcap"]
 
 
 # --- replacing -------------------------------------------------------------------------------
