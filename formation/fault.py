@@ -108,18 +108,27 @@ _NEEDS: dict[Verb, tuple[str, ...]] = {
     "kill": ("up", "paused"), "pause": ("up",), "restart": ("killed",), "resume": ("paused",),
 }  # fmt: skip
 _WORDS = {"up": "is up", "paused": "is paused", "killed": "is dead"}
+_DONE: dict[Verb, str] = {
+    "kill": "killed", "pause": "paused", "restart": "restarted", "resume": "resumed",
+}  # fmt: skip
+_FOR_A_TICK: dict[Verb, str] = {"kill": "down", "pause": "stopped", "restart": "up"}
+"""What a robot must be for one tick at least after a verb; what is resumed may fail at once."""
 
 
 @dataclass
 class _State:
     now: str = "up"
     since: int = 0
+    last: Verb | None = None
     spans: list[Span] = field(default_factory=list)
 
-    def become(self, state: str, tick: int) -> None:
+    def undergo(self, verb: Verb, tick: int) -> None:
+        self.end_span(tick)
+        self.now, self.since, self.last = _BECOMES[verb], tick, verb
+
+    def end_span(self, tick: int) -> None:
         if self.now != "up":
             self.spans.append(Span(self.since, tick, self.now == "killed"))
-        self.now, self.since = state, tick
 
 
 _BECOMES: dict[Verb, str] = {"kill": "killed", "pause": "paused", "restart": "up", "resume": "up"}
@@ -166,17 +175,21 @@ def spans_of(
     if problems:
         raise FaultError(problems)
     for state in states.values():
-        state.become("up", NEVER)
+        state.end_span(NEVER)
     return {robot: state.spans for robot, state in states.items() if state.spans}
 
 
 def _happen(verb: Verb, robot: int, state: _State, tick: int) -> None:
+    just = state.last if state.since == tick else None  # what else befell it at this tick
     if state.now not in _NEEDS[verb]:
-        raise _Impossible(f"cannot {verb} robot {robot}: it {_WORDS[state.now]} then")
-    reborn = bool(state.spans) and state.spans[-1].killed and state.spans[-1].end == tick
-    if (state.now != "up" and state.since == tick) or reborn:
-        raise _Impossible(f"cannot {verb} robot {robot} twice at one tick")
-    state.become(_BECOMES[verb], tick)
+        since = f"{_WORDS[state.now]} then" if just is None else f"is {_DONE[just]} at that tick"
+        raise _Impossible(f"cannot {verb} robot {robot}: it {since}")
+    if just in _FOR_A_TICK:
+        raise _Impossible(
+            f"cannot {verb} robot {robot}: it is {_DONE[just]} at that tick, and must be "
+            f"{_FOR_A_TICK[just]} for one tick at least before it is {_DONE[verb]}"
+        )
+    state.undergo(verb, tick)
 
 
 def _chosen(

@@ -6,7 +6,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from formation.selectors import RobotId
 from netem.problems import Problem, problems
-from netem.tables import Table, read_toml
+from netem.tables import Table
+from netem.toml import read_toml
 
 
 class Host(Table):

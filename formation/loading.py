@@ -6,8 +6,7 @@ one, so that the whole can still be built.
 """
 
 import re
-import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,10 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from formation.fault import FaultAction, FaultError, spans_of
+from formation.rules import broken_rules
 from formation.scenario import Scenario
-from formation.selectors import named
 from netem.problems import Place, Problem, problems, shown
-from netem.settings import SettingError
-from netem.tables import nanoseconds, read_toml
-from netem.timeline import NEVER
+from netem.toml import parse_toml, parse_value, read_toml
 
 
 class ScenarioError(ValueError):
@@ -61,9 +57,9 @@ def loads(
     it must name none: a scenario that came over the bus reads nothing here.
     """
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _failure(file, f"not TOML: {error}") from None
+        data = parse_toml(text)
+    except ValueError as error:
+        raise _failure(file, str(error)) from None
     return _built(data, file, overrides, folder)
 
 
@@ -77,7 +73,7 @@ def _built(
         places = tuple(problem.place for problem in bad)
         bad += [
             problem
-            for problem in _cross_check(scenario)
+            for problem in broken_rules(scenario)
             if not any(place.startswith(problem.place) for place in places)  # a stand-in's fault
         ]
     if bad or scenario is None:
@@ -104,9 +100,9 @@ def _override(data: dict[str, Any], text: str) -> Problem | None:
     if not equals or not all(keys):
         return Problem(f"--set {text}", None, "must read key.path=value, such as law.beta=5")
     try:
-        value = tomllib.loads(f"value = {raw}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = raw.strip()
+        value = parse_value(raw)
+    except ValueError as error:
+        return Problem(f"--set {path.strip()}", shown(raw), str(error))
     here: Any = data
     for depth, key in enumerate(keys):
         last = depth == len(keys) - 1
@@ -204,189 +200,3 @@ def _mend(data: Any, loc: Place, *, missing: bool) -> None:
         table[key] = deepcopy(_STAND_INS[key])
     else:
         table.pop(key, None)
-
-
-# --- rules between values --------------------------------------------------------------
-
-
-def _cross_check(scenario: Scenario) -> list[Problem]:
-    found = [
-        *_check_clock(scenario),
-        *_check_silence(scenario),
-        *_check_robots(scenario),
-        *_check_edges(scenario),
-        *_check_coupling(scenario),
-        *_check_selectors(scenario),
-        *_check_faults(scenario),
-        *_check_window(scenario),
-        *_check_hosts(scenario),
-    ]
-    if not found:  # which links there are is clear
-        found = [*_check_links(scenario)] or [*_check_timeline(scenario)]
-    return found
-
-
-def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
-    for host in scenario.hosts.hosts if scenario.hosts is not None else ():
-        for robot in host.robots:
-            if robot not in scenario.ids:
-                yield Problem(
-                    f"hosts.{host.name}.robots", str(robot),
-                    f"robot {robot} does not exist (robots: {', '.join(map(str, scenario.ids))})",
-                )  # fmt: skip
-
-
-def _check_clock(scenario: Scenario) -> Iterator[Problem]:
-    clock = scenario.clock
-    control, broadcast = clock.control_period_ns, clock.broadcast_period_ns
-    if control < 1:
-        yield Problem(
-            "clock.control_period_s", str(clock.control_period_s), "must be at least 1e-9 (1 ns)"
-        )
-        return
-    if broadcast % control or broadcast < control:
-        yield Problem(
-            "clock.broadcast_period_s",
-            str(clock.broadcast_period_s),
-            f"must be a multiple of control_period_s = {clock.control_period_s}",
-        )
-    if nanoseconds(scenario.duration_s) % control:
-        yield Problem(
-            "duration_s",
-            str(scenario.duration_s),
-            f"must be a multiple of clock.control_period_s = {clock.control_period_s}",
-        )
-
-
-def _check_silence(scenario: Scenario) -> Iterator[Problem]:
-    neighbours, period_s = scenario.neighbours, scenario.clock.broadcast_period_s
-    if neighbours.on_silence == "drop" and neighbours.silence_s < period_s:
-        yield Problem(
-            "neighbours.silence_s",
-            str(neighbours.silence_s),
-            f"must be at least clock.broadcast_period_s = {period_s}: nobody is heard more often",
-        )
-
-
-def _check_robots(scenario: Scenario) -> Iterator[Problem]:
-    first: dict[int, int] = {}
-    for index, robot in enumerate(scenario.robots):
-        if robot.id in first:
-            yield Problem(
-                f"robots[{index}].id", str(robot.id), f"already used by robots[{first[robot.id]}]"
-            )
-        first.setdefault(robot.id, index)
-
-
-def _check_edges(scenario: Scenario) -> Iterator[Problem]:
-    seen: dict[tuple[int, int], int] = {}
-    for index, edge in enumerate(scenario.formation.edges):
-        place, value = f"formation.edges[{index}]", str(list(edge))
-        yield from _unknown_robots(scenario, place, edge)
-        key = (min(edge), max(edge))
-        if edge[0] == edge[1]:
-            yield Problem(place, value, "joins a robot to itself")
-        elif key in seen:
-            yield Problem(
-                place, value, f"repeats formation.edges[{seen[key]}]; edges have no direction"
-            )
-        seen.setdefault(key, index)
-
-
-def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
-    coupling = scenario.formation.coupling
-    if not isinstance(coupling, dict):
-        return
-    names = {f"{a}-{b}" for edge in scenario.formation.edges for a, b in (edge, edge[::-1])}
-    for name, weight in coupling.items():
-        if name not in names:
-            yield Problem(
-                f'formation.coupling."{name}"', str(weight), "names no edge of formation.edges"
-            )
-    for first, second in scenario.formation.edges:
-        here = [n for n in (f"{first}-{second}", f"{second}-{first}") if n in coupling]
-        if len(here) != 1:
-            yield Problem(
-                f'formation.coupling."{first}-{second}"',
-                None,
-                "is required: a table needs one weight for every edge"
-                if not here
-                else f'given twice (also as "{second}-{first}"); b_ji = b_ij is one number',
-            )
-
-
-def _check_selectors(scenario: Scenario) -> Iterator[Problem]:
-    for index, rule in enumerate(scenario.network.links):
-        place = f"network.links[{index}]"
-        yield from _unknown_robots(scenario, f"{place}.from", named(rule.sources))
-        yield from _unknown_robots(scenario, f"{place}.to", named(rule.destinations))
-    for index, action in enumerate(scenario.timeline):
-        yield from _unknown_robots(scenario, f"timeline[{index}]", action.named_robots())
-
-
-def _check_links(scenario: Scenario) -> Iterator[Problem]:
-    for source, destination in scenario.directed_links:
-        settings = scenario.network.default
-        for index, rule in enumerate(scenario.network.links):
-            if not rule.covers(source, destination):
-                continue
-            try:
-                settings = settings.changed(rule)
-            except SettingError as error:
-                yield _on_link(f"network.links[{index}]", error.problem, source, destination)
-                return
-
-
-def _check_faults(scenario: Scenario) -> Iterator[Problem]:
-    period_ns = max(1, scenario.clock.control_period_ns)
-    known = [
-        (k, action) for k, action in enumerate(scenario.timeline)
-        if isinstance(action, FaultAction) and set(scenario.ids).issuperset(action.named_robots())
-    ]  # fmt: skip
-    try:
-        spans_of(known, scenario.ids, scenario.seed, period_ns)
-    except FaultError as error:
-        for index, why in error.problems.items():
-            yield Problem(f"timeline[{index}]", None, why)
-
-
-def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
-    links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
-    for index, entry in links:
-        if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
-            yield Problem(f"timeline[{index}]", None, "concerns no link of formation.edges")
-    for source, destination in scenario.directed_links:
-        timeline = scenario.timeline_of(source, destination)
-        try:
-            while timeline.next_ns < NEVER:
-                timeline.advance(timeline.next_ns)
-        except SettingError as error:
-            index = next(
-                k
-                for k, entry in links
-                if entry.effect(source, destination, scenario.ids) == error.cause
-            )
-            yield _on_link(f"timeline[{index}]", error.problem, source, destination)
-            return
-
-
-def _on_link(place: str, problem: Problem, source: int, destination: int) -> Problem:
-    rule = f"{problem.rule} (on the link from {source} to {destination})"
-    return Problem(f"{place}.{problem.place}", problem.value, rule)
-
-
-def _check_window(scenario: Scenario) -> Iterator[Problem]:
-    window = scenario.expect.window_s if scenario.expect else None
-    if window is not None and window > scenario.duration_s:
-        yield Problem(
-            "expect.window_s", str(window), f"must not exceed duration_s = {scenario.duration_s}"
-        )
-
-
-def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> Iterator[Problem]:
-    ids = sorted(set(scenario.ids))
-    for robot in dict.fromkeys(robots):
-        if robot not in ids:
-            yield Problem(
-                place, None, f"robot {robot} does not exist (robots: {', '.join(map(str, ids))})"
-            )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Discriminator, Field, Tag, create_model, model_validator
 
+from formation.clock import Clock
 from formation.fault import spans_of
 from formation.hosts import Hosts
 from formation.messages import State
@@ -20,46 +21,18 @@ from formation.selectors import RobotId, Robots, pair_covers
 from formation.timeline import PlanEntry, TimelineAction, effects, plan_of
 from netem.link import Link
 from netem.settings import LinkOverrides, LinkSettings
-from netem.tables import STRICT, Positive, PositiveSeconds, Table, nanoseconds, optional
+from netem.tables import (
+    STRICT,
+    LongSeconds,
+    Positive,
+    PositiveSeconds,
+    Table,
+    nanoseconds,
+    optional,
+)
 from netem.timeline import Timeline
 
 NonNegative = Annotated[float, Field(ge=0.0)]
-
-
-class Clock(Table):
-    """``[clock]``: virtual time in lockstep or real time, and the periods of the sampled loop."""
-
-    mode: Literal["lockstep", "realtime"] = Field(
-        default="lockstep", description="Virtual time, exactly repeatable, or the wall clock."
-    )
-    control_period_s: Positive = Field(
-        default=0.001, description="The law is evaluated, and its command held, for this long."
-    )
-    broadcast_period_s: Positive = Field(
-        default=0.01,
-        description=(
-            "A robot tells its neighbours its state this often; a multiple of control_period_s."
-        ),
-    )
-    sync_bound_s: PositiveSeconds = Field(
-        default=0.005,
-        description=(
-            "In real time, report a robot whose estimate of the plant's clock may be wrong by more."
-        ),
-    )
-
-    @property
-    def control_period_ns(self) -> int:
-        return nanoseconds(self.control_period_s)
-
-    @property
-    def broadcast_period_ns(self) -> int:
-        return nanoseconds(self.broadcast_period_s)
-
-    @property
-    def broadcast_every(self) -> int:
-        """Control ticks per broadcast."""
-        return self.broadcast_period_ns // self.control_period_ns
 
 
 class Formation(Table):
@@ -408,7 +381,7 @@ class Expect(Table):
     centroid_tolerance_m: Positive = Field(
         default=0.2, description="Of ‖Σx − Σp‖, n times the centroid's distance."
     )
-    window_s: Positive | None = Field(
+    window_s: LongSeconds | None = Field(
         default=None,
         description=(
             "Claims are judged over so much of the end; by default a tenth of the run, at least "
@@ -427,7 +400,7 @@ class Scenario(Table):
     seed: Annotated[int, Field(ge=0)] = Field(
         default=1, description="All that is random is drawn by it."
     )
-    duration_s: Positive = Field(
+    duration_s: LongSeconds = Field(
         description="How long the run is; a multiple of clock.control_period_s."
     )
     clock: Clock = Clock()

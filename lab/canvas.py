@@ -1,10 +1,14 @@
 """What all figures share, and scenes; matplotlib is loaded for the first figure."""
 
+import io
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from lab import files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,3 +84,11 @@ def blank(width: float, height: float) -> "Figure":
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def save(figure: "Figure", folder: Path, name: str) -> None:
+    """A figure as the files ``name.png`` and ``name.svg``, each whole; raises OSError."""
+    for kind in ("png", "svg"):
+        image = io.BytesIO()
+        figure.savefig(image, format=kind, dpi=130)
+        files.replace(folder / f"{name}.{kind}", image.getvalue())

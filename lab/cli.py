@@ -13,19 +13,7 @@ from lab.build import install, stale
 from lab.completion import run_folders, toml_files
 from lab.exits import in_words
 from lab.exits import of as code_of
-from lab.files import replace
-
-
-class Whole(click.IntRange):
-    """A whole number within bounds; errors call it that."""
-
-    name = "whole number"
-
-
-class Number(click.FloatRange):
-    """A number within bounds; errors call it that."""
-
-    name = "number"
+from lab.options import Number, Whole
 
 
 def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
@@ -385,13 +373,14 @@ def new(
 )
 def schema(out: Path | None) -> None:
     """Print the JSON Schema of scenarios, for editors."""
+    from lab import files
     from lab.schema import text
 
     if out is None:
         click.echo(text(), nl=False)
         return
     try:
-        replace(out, text())
+        files.replace(out, text())
     except OSError as error:
         _fail(code_of(error), f"--out {out}: {error.strerror}")
 
@@ -562,7 +551,7 @@ def claims(
 @click.option(
     "--limit",
     "limit_s",
-    type=Number(1.0),
+    type=Number(1.0, 1e9),
     default=600.0,
     show_default=True,
     metavar="SECONDS",
@@ -770,7 +759,7 @@ def _scenario_or_input(
 @click.option(
     "--start-patience",
     "start_patience_s",
-    type=Number(1.0),
+    type=Number(1.0, 1e9),
     metavar="SECONDS",
     help="End the run if no robot gets further for so long before the first tick  [default: wait]",
 )

@@ -1,6 +1,7 @@
 """``formnet compare``: runs side by side."""
 
 import csv
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +15,8 @@ from rich.table import Table
 
 from formation.loading import ScenarioError
 from formation.scenario import Expect
-from lab.canvas import COLOURS, blank
+from lab import files
+from lab.canvas import COLOURS, blank, save
 from lab.difference import first_difference
 from lab.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from lab.exits import of as code_of
@@ -219,13 +221,13 @@ def _write(folder: Path, compared: Comparison, drawn: Figure) -> None:
                   "|---" * (len(compared.names) + 1) + "|",
                   *(_markdown([place, *cells]) for place, cells in rows), ""]  # fmt: skip
     lines.append("![Errors of Eqs. 3-5](errors.png)")
-    (folder / "comparison.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    with (folder / "comparison.csv").open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["", *compared.names])
-        table.writerows([place, *cells] for _, rows in _parts(compared) for place, cells in rows)
-    for kind in ("png", "svg"):
-        drawn.savefig(folder / f"errors.{kind}", dpi=130)
+    files.replace(folder / "comparison.md", "\n".join(lines) + "\n")
+    text = io.StringIO(newline="")
+    table = csv.writer(text)
+    table.writerow(["", *compared.names])
+    table.writerows([place, *cells] for _, rows in _parts(compared) for place, cells in rows)
+    files.write_new(folder / "comparison.csv", text.getvalue())
+    save(drawn, folder, "errors")
 
 
 def _markdown(cells: Sequence[str]) -> str:

@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from formation.loading import ScenarioError
+from lab import files
 from lab.build import install
 from lab.exits import ALL_HOLD, BAD_INPUT, in_words
 from lab.exits import of as code_of
-from lab.files import replace
 from lab.folders import RunExists, fresh_folder
 from lab.recorded import Recorded, Unreadable, event_lines, read_whole
 from lab.recording import LINKS, STATES
@@ -65,7 +65,7 @@ def write_csv(run: Recorded, folder: Path) -> None:
 def _write_csv(table: pa.Table, file: Path) -> None:
     whole = pa.BufferOutputStream()
     pyarrow.csv.write_csv(table, whole)
-    replace(file, whole.getvalue())
+    files.replace(file, whole.getvalue().to_pybytes())
 
 
 def write_mcap(run: Recorded, file: Path) -> None:
@@ -81,12 +81,13 @@ def write_mcap(run: Recorded, file: Path) -> None:
     if file.exists():
         raise RunExists(file)
     file.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with file.open("xb") as stream:
+    with file.open("xb") as stream:
+        try:
             foxglove.write(run, stream)
-    except BaseException:
-        file.unlink()  # half of one
-        raise
+            stream.flush()
+        except BaseException:
+            file.unlink()  # half of one
+            raise
 
 
 _FORMATS: dict[str, tuple[Callable[[Recorded, Path], None], str]] = {

@@ -1,25 +1,65 @@
-"""Files that are whole or not there."""
+"""Files written whole or not at all: half of one is never seen, and never left behind."""
 
+import errno
+import os
 import secrets
+import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
+_NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
+"""What link(2) says on file systems that have no hard links (FAT, some on networks)."""
 
 
-def replace(path: Path, data: "str | ReadableBuffer") -> None:
-    """Put ``data`` (text as UTF-8) into ``path`` in one step: nobody ever reads half of it.
+def write_new(path: Path, data: str | bytes, mode: int = 0o666) -> None:
+    """Write a new file, text as UTF-8, with the permissions ``mode`` less the umask.
+
+    It appears under its name once it is whole, and nothing is ever overwritten.
 
     Raises:
-        OSError: it cannot be written; ``filename`` is ``path``, which is as it was.
+        FileExistsError: there is something of that name.
+        OSError: it cannot be written; nothing is left behind.
+
+    Either names ``path`` as its ``filename``.
     """
-    with _beside(path) as part:
-        with part.open("xb") as stream:
-            stream.write(data.encode("utf-8") if isinstance(data, str) else data)
-        part.replace(path)
+    content = data.encode() if isinstance(data, str) else data
+    with _blamed_on(path):
+        if os.path.lexists(path):  # before anything is written: the disk may be full
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+        with _part(path.parent, content, mode) as part:
+            try:
+                os.link(part, path)  # unlike rename(2), this does not replace what is there
+            except OSError as error:
+                if error.errno not in _NO_LINKS:
+                    raise
+                _create(path, content, mode)
+
+
+def replace(path: Path, data: str | bytes) -> None:
+    """Write a file, text as UTF-8, in the place of what is there, which keeps its permissions.
+
+    Who reads it sees the old file or the new one, whole. A symbolic link is followed, and what is
+    no regular file, such as a pipe, is written to.
+
+    Raises:
+        OSError: it cannot be written; what was there still is. ``filename`` is ``path``.
+    """
+    content = data.encode() if isinstance(data, str) else data
+    with _blamed_on(path):
+        try:
+            before = path.stat().st_mode
+        except FileNotFoundError:
+            before = stat.S_IFREG
+        if not stat.S_ISREG(before):
+            with path.open("wb") as stream:
+                stream.write(content)
+            return
+        target = path.resolve()
+        with _part(target.parent, content, 0o666) as part:
+            if stat.S_IMODE(before):
+                part.chmod(stat.S_IMODE(before))
+            part.replace(target)
 
 
 def attempt(write: Callable[[], object]) -> list[OSError]:
@@ -32,14 +72,31 @@ def attempt(write: Callable[[], object]) -> list[OSError]:
 
 
 @contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+def _part(folder: Path, content: bytes, mode: int) -> Iterator[Path]:
+    """A file of some new name in ``folder``, which is gone in the end unless it was moved."""
+    part = folder / f".formnet-{secrets.token_hex(8)}.part"
+    _create(part, content, mode)
     try:
         yield part
-    except OSError as error:
-        error.filename = str(path)
-        error.filename2 = None
-        raise
     finally:
-        with suppress(OSError):
-            part.unlink()
+        part.unlink(missing_ok=True)
+
+
+def _create(path: Path, content: bytes, mode: int) -> None:
+    """A file that was not there; none if it cannot be written whole."""
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+    except BaseException:
+        path.unlink()
+        raise
+
+
+@contextmanager
+def _blamed_on(path: Path) -> Iterator[None]:
+    """Every OSError is one of ``path``, whichever file or descriptor it was about."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None

@@ -1,6 +1,5 @@
 """``formnet keys init``: an authority of one's own, and a certificate for everybody."""
 
-import os
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -13,6 +12,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from formation.security import MONITOR, PLANT, robot_name
+from lab import files
 
 LOCAL = ("localhost", "127.0.0.1", "::1")
 _AUTHORITY_KEY = "ca-key.pem"
@@ -61,9 +61,7 @@ def make(folder: Path, robots: Sequence[int], hosts: Sequence[str], days: int) -
         key = ec.generate_private_key(ec.SECP256R1())
         names = [*LOCAL, *hosts] if name == PLANT else []
         signed = _certificate(name, names, key, authority.subject, authority_key, days)
-        _write(private, _private(key), secret=True)
-        _write(certificate, signed.public_bytes(serialization.Encoding.PEM))
-        written += [private, certificate]
+        written += _write(private, key, certificate, signed)
     if not written:
         raise KeysExist(f"{folder} has all of these keys already; none is ever overwritten")
     return written
@@ -88,9 +86,7 @@ def _authority(
         .add_extension(_usage(signs_certificates=True), critical=True)
         .sign(key, hashes.SHA256())
     )
-    _write(private, _private(key), secret=True)
-    _write(certificate, made.public_bytes(serialization.Encoding.PEM))
-    written += [private, certificate]
+    written += _write(private, key, certificate, made)
     return made, key
 
 
@@ -150,19 +146,22 @@ def _host(host: str) -> x509.GeneralName:
         return x509.DNSName(host)
 
 
-def _private(key: ec.EllipticCurvePrivateKey) -> bytes:
-    return key.private_bytes(
+def _write(
+    private: Path, key: ec.EllipticCurvePrivateKey, certificate: Path, signed: x509.Certificate
+) -> list[Path]:
+    """Two new files, or none; the secret is never readable by others, not even for a moment."""
+    secret = key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
     )
-
-
-def _write(path: Path, content: bytes, *, secret: bool = False) -> None:
-    """A new file; a secret is never readable by others, not even for a moment."""
     try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if secret else 0o644)
-    except FileExistsError:
-        raise KeysExist(f"{path} is there already; it is never overwritten") from None
-    with os.fdopen(handle, "wb") as stream:
-        stream.write(content)
+        files.write_new(private, secret, 0o600)
+        try:
+            files.write_new(certificate, signed.public_bytes(serialization.Encoding.PEM), 0o644)
+        except OSError:
+            private.unlink()  # without its certificate it would be in the way
+            raise
+    except FileExistsError as error:
+        raise KeysExist(f"{error.filename} is there already; it is never overwritten") from None
+    return [private, certificate]

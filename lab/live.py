@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from lab.files import replace
+from lab import files
 
 FILE = "live.json"
 
@@ -15,7 +15,7 @@ def noted(folder: Path, endpoint: str, run: str) -> Iterator[None]:
     """Say in a run's folder where it goes on, as long as it does; on a full disk, nowhere."""
     file = folder / FILE
     with suppress(OSError):
-        replace(file, json.dumps({"endpoint": endpoint, "run": run}) + "\n")
+        files.replace(file, json.dumps({"endpoint": endpoint, "run": run}) + "\n")
     try:
         yield
     finally:

@@ -1,6 +1,7 @@
 """``formnet new``: a scenario to begin with, whose gains and periods suit what was asked for."""
 
 import re
+from collections.abc import Iterator
 from math import ceil, cos, hypot, log, pi, sin, sqrt
 from pathlib import Path
 from random import Random
@@ -13,18 +14,20 @@ from numpy.typing import NDArray
 from formation.graph import laplacian
 from formation.loading import ScenarioError, loads
 from formation.scenario import Scenario
-from lab import schema
+from lab import files, schema
 from lab.stiffness import MARGIN, course, longest_period_s
+from netem.csvfile import Numbers, first_of, read_numbers
 from netem.presets import PRESETS
 from netem.problems import nearest
 from netem.settings import LinkSettings
-from netem.tables import read_numbers
 
 PERIODS_S = (0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001)
 """Control periods to choose from, the longest that is short enough; the first suits robots."""
 BETA, EXCITATION_RADPS = 2.0, 0.5
 SLOWEST_PER_S = 0.25
 """λ_min(L + diag μ) is brought above this; β λ_min > 1/4 follows."""
+FARTHEST_M, NEAREST_M = 1e7, 1e-3
+"""Bounds on the places of a file: from the origin on either axis, and from one another."""
 MASS_KG, MASS_ESTIMATE_KG = 12.0, 15.0
 
 Pair = tuple[float, float]
@@ -52,14 +55,18 @@ def write(wish: Wish, out: Path | None) -> Path:
     """Write the scenario and, if there is none beside it, the schema; returns where.
 
     Raises:
-        CannotWrite: a wish that cannot be met, a file that exists or cannot be written.
+        CannotWrite: a wish that cannot be met, a file that exists or cannot be written. Then
+            nothing was.
     """
     text = scenario_text(wish)
     path = out or Path(f"{wish.name}.toml")
     try:
-        with path.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-        schema.write_beside(path.parent)
+        files.write_new(path, text)
+        try:
+            schema.write_beside(path.parent)
+        except OSError:
+            path.unlink()
+            raise
     except FileExistsError:
         raise CannotWrite(f"{path} exists already; nothing is overwritten") from None
     except OSError as error:
@@ -132,18 +139,36 @@ def _offsets(wish: Wish) -> list[Pair]:
     if wish.spacing_m is not None:
         raise CannotWrite("--spacing: the places of a file have their own")
     try:
-        places = [(x, y) for x, y in read_numbers(path, 2)]
+        found = read_numbers(path, 2)
     except ValueError as error:
         raise CannotWrite(f"--pattern: {error}") from None
+    places = [(x, y) for x, y in found.rows]
     if wish.robots not in (None, len(places)):
         raise CannotWrite(f"--robots {wish.robots}: file {path} has places for {len(places)}")
     if len(places) < 2:
         raise CannotWrite(f"--pattern: file {path} has one place; a formation needs two")
-    for robot, place in enumerate(places, start=1):
-        first = places.index(place) + 1
-        if first < robot:
-            raise CannotWrite(f"--pattern: file {path}: robots {first} and {robot} have one place")
+    bad = [*_too_far(found), *_too_near(found)]
+    if bad:
+        raise CannotWrite(f"--pattern: {first_of(bad)}")
     return places
+
+
+def _too_far(found: Numbers) -> Iterator[str]:
+    for row, place in enumerate(found.rows):
+        for column, value in enumerate(place):
+            if abs(value) > FARTHEST_M:
+                yield f"{found.place(row, column)} = {value}: must be within ±{FARTHEST_M:g} m"
+
+
+def _too_near(found: Numbers) -> Iterator[str]:
+    for row, (x, y) in enumerate(found.rows):
+        for earlier, (a, b) in enumerate(found.rows[:row]):
+            if hypot(x - a, y - b) < NEAREST_M:
+                yield (
+                    f"{found.place(row)} = {x}, {y}: robot {row + 1} must be at least "
+                    f"{NEAREST_M:g} m from robot {earlier + 1} (line {found.lines[earlier]})"
+                )
+                break
 
 
 # --- the graph ---------------------------------------------------------------------------

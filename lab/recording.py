@@ -25,7 +25,7 @@ from formation.loading import dumps
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formation.roster import Roster
 from formation.scenario import Scenario
-from lab.files import attempt, replace
+from lab import files
 from lab.folders import fresh_folder
 from netem.tables import nanoseconds
 
@@ -178,7 +178,7 @@ class Recording(Collected):
         self._file = (folder / EVENTS).open("a", encoding="utf-8")
         with suppress(OSError):  # a file system without locks
             _lock(self._file)
-        replace(folder / SCENARIO, dumps(scenario))
+        files.write_new(folder / SCENARIO, dumps(scenario))
 
     def __call__(self, record: Record) -> None:
         """Take one record."""
@@ -207,9 +207,13 @@ class Recording(Collected):
         ):
             whole = pa.BufferOutputStream()
             pq.write_table(table, whole)
-            problems += attempt(partial(replace, self.folder / name, whole.getvalue()))
+            problems += files.attempt(
+                partial(files.replace, self.folder / name, whole.getvalue().to_pybytes())
+            )
         if self._behind:
-            problems += attempt(partial(replace, self.folder / EVENTS, "".join(self._lines)))
+            problems += files.attempt(
+                partial(files.replace, self.folder / EVENTS, "".join(self._lines))
+            )
         return problems
 
     def _note_plan(self, now_ns: int) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from lab import files
 from lab.schema import scenario_schema
 
 Schema = dict[str, Any]
@@ -30,6 +31,11 @@ line names the [JSON Schema](../configs/scenario.schema.json), as those in `conf
 one anywhere. The schema knows each value by itself. What must fit together (robots that exist, a
 broadcast period that is a multiple of the control period, ends of a range) only `formnet check`
 sees.
+
+**Times.** Keys that end in `_s` are in seconds, rounded to whole nanoseconds. Periods, delays and
+instants of the timeline are at most 3600; how long a run, a window or a trace is, at most 1e9.
+`duration_s` and `clock.broadcast_period_s` must be multiples of `clock.control_period_s` to the
+nanosecond: 1/60 s is 16666667 ns, of which 0.1 s is no multiple.
 
 **Gains and periods.** `formnet check` and `formnet run` follow the closed loop on its way in,
 linearised again and again, and warn where commands are held for longer than 2/|λ| of its fastest
@@ -196,7 +202,7 @@ def _bounds(entry: Schema) -> str:
     bounds = [
         f"{sign} {entry[key]:g}"
         for key, sign in signs.items()
-        if key in entry and entry[key] < 1e9  # as good as none
+        if key in entry and entry[key] <= 1e9  # above, as good as none
     ]
     return " " + ", ".join(bounds) if bounds else ""
 
@@ -215,4 +221,4 @@ def _words(entry: Schema) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(reference(), encoding="utf-8")
+    files.replace(Path(sys.argv[1]), reference())

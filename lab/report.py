@@ -17,11 +17,10 @@ from rich.markup import escape
 from formation.loading import ScenarioError, dumps
 from formation.record import Event
 from formation.theory import assess
-from lab import runs, verdict
+from lab import files, runs, verdict
 from lab.check import describe
 from lab.exits import ALL_HOLD, BAD_INPUT, in_words
 from lab.exits import of as code_of
-from lab.files import replace
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
 from lab.run import CLAIM_TITLES, report_problems
@@ -131,7 +130,7 @@ def write_report(folder: Path, *, draw_missing: bool = False) -> Path:
         run.verdict = None
         run.problems.append(f"verdict.json is of another version: {error!r}")
         text = page(run)
-    replace(folder / "report.html", text)
+    files.replace(folder / "report.html", text)
     return folder / "report.html"
 
 
@@ -141,7 +140,7 @@ def write_index(folder: Path, entries: Sequence[runs.Entry]) -> str | None:
     try:
         if file.exists() and _MARK not in file.read_text(encoding="utf-8", errors="replace")[:500]:
             return f"{file} is there already and not formnet's; it is left as it is"
-        replace(file, index(entries))
+        files.replace(file, index(entries))
     except OSError as error:
         return str(error)
     return None

@@ -12,11 +12,10 @@ from rich.table import Table
 from formation.loading import ScenarioError, load
 from formation.record import Outcome
 from formation.scenario import Scenario
-from lab import live, lyapunov, verdict
+from lab import files, live, lyapunov, verdict
 from lab.execution import execute
 from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import of as code_of
-from lab.files import attempt
 from lab.folders import check_free, claimed
 from lab.foresight import foresee
 from lab.links_table import links_table
@@ -168,12 +167,12 @@ def _conclude(
     page.print(links_table(rows, "all are in verdict.json"))
     page.print(_table(judged))
     _summarise(page, recording, judged)
-    problems += attempt(lambda: scene.close(lyapunov.curve(recording)))
+    problems += files.attempt(lambda: scene.close(lyapunov.curve(recording)))
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
             from lab import figures
 
-            problems += attempt(lambda: figures.draw(recording, recording.folder / "figures"))
+            problems += files.attempt(lambda: figures.draw(recording, recording.folder / "figures"))
     from lab import report
 
     try:
@@ -196,7 +195,7 @@ def _conclude(
 
 
 def _save(recording: Recording, judged: dict[str, Any]) -> list[OSError]:
-    return recording.save() + attempt(lambda: verdict.save(judged, recording.folder))
+    return recording.save() + files.attempt(lambda: verdict.save(judged, recording.folder))
 
 
 def _table(judged: dict[str, Any]) -> Table:

@@ -13,14 +13,14 @@ def packaged() -> dict[str, Path]:
     return {
         path.relative_to(CONFIGS).with_suffix("").as_posix(): path
         for path in sorted(CONFIGS.rglob("*.toml"))
-        if "robots" in tomllib.loads(path.read_text(encoding="utf-8"))  # others are networks
+        if "robots" in tomllib.loads(path.read_text(encoding="utf-8-sig"))  # others are networks
     }
 
 
 def described() -> Iterator[tuple[str, str]]:
     """Name and description of each of them."""
     for name, path in packaged().items():
-        yield name, tomllib.loads(path.read_text(encoding="utf-8")).get("description", "")
+        yield name, tomllib.loads(path.read_text(encoding="utf-8-sig")).get("description", "")
 
 
 def find(argument: str) -> Path:

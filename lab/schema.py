@@ -6,6 +6,7 @@ each value by itself; what must fit together (ids, periods, ends of a range) onl
 
 import json
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,6 +14,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from formation.scenario import Scenario
+from lab import files
 
 FILE = "scenario.schema.json"
 """What a copy is called, wherever it lies."""
@@ -64,11 +66,8 @@ def text() -> str:
 
 def write_beside(folder: Path) -> None:
     """Put the schema into ``folder``, unless a file of its name is there; raises OSError."""
-    try:
-        with (folder / FILE).open("x", encoding="utf-8") as stream:
-            stream.write(text())
-    except FileExistsError:
-        pass
+    with suppress(FileExistsError):
+        files.write_new(folder / FILE, text())
 
 
 def _polished(node: Any) -> Any:

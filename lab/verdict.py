@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from formation.geometry import Errors, errors
 from formation.scenario import Expect, Scenario
 from formation.theory import CLAIMS, assess
-from lab import lyapunov
+from lab import files, lyapunov
 from lab.build import compiled
-from lab.files import replace
 from lab.recording import Collected, Trajectories, trajectory_sha256
 from netem.statistics import Fate, summarise
 from netem.tables import nanoseconds
@@ -108,7 +107,7 @@ def of(
 def save(verdict: Mapping[str, Any], folder: Path) -> None:
     """Write ``verdict.json`` into ``folder``, whole or not at all. Raises OSError."""
     text = json.dumps(verdict, indent=2, allow_nan=False, ensure_ascii=False)
-    replace(folder / "verdict.json", text + "\n")
+    files.replace(folder / "verdict.json", text + "\n")
 
 
 def claimed(verdict: Mapping[str, Any]) -> dict[str, bool | None]:

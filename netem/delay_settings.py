@@ -1,24 +1,22 @@
 """The tables that stand after ``delay =``."""
 
 from itertools import pairwise
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
 from netem import distributions
 from netem.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
+from netem.from_file import FromFile, RowError
 from netem.link import Impairment
 from netem.tables import (
     Correlation,
-    FromFile,
-    Positive,
+    LongSeconds,
     PositiveSeconds,
     Seconds,
     Shape,
     Table,
     nanoseconds,
-    read_numbers,
 )
 
 
@@ -193,9 +191,10 @@ class ExponentialDelaySettings(_RandomDelaySettings):
 class EmpiricalDelaySettings(FromFile):
     """``{ distribution = "empirical", samples_s = [0.01, 0.02] }``, or ``file = "rtt.csv"``.
 
-    The file has one number (seconds) per line; a first line that is none is a header.
+    The file has one number (seconds) per line, and a header or none.
     """
 
+    COLUMNS: ClassVar = ("samples_s",)
     distribution: Literal["empirical"] = Field(
         description="One of your measurements, each equally likely."
     )
@@ -206,10 +205,6 @@ class EmpiricalDelaySettings(FromFile):
         default=0.0,
         description="Lag-1 correlation of successive delays; their distribution stays what it is.",
     )
-
-    @classmethod
-    def columns(cls, path: Path) -> dict[str, Any]:
-        return {"samples_s": [row[0] for row in read_numbers(path, 1)]}
 
     @property
     def range_ns(self) -> tuple[int, int | None]:
@@ -234,12 +229,13 @@ class TraceDelaySettings(FromFile):
     from the first.
     """
 
+    COLUMNS: ClassVar = ("times_s", "delays_s")
     distribution: Literal["trace"] = Field(description="Replayed by the clock, in a loop.")
-    times_s: Annotated[list[Annotated[float, Field(ge=0.0)]], Field(min_length=1)] = Field(
+    times_s: Annotated[list[Annotated[float, Field(ge=0.0, le=1e9)]], Field(min_length=1)] = Field(
         description="When each delay begins, from the first."
     )
     delays_s: Annotated[list[Seconds], Field(min_length=1)] = Field(description="The delays.")
-    period_s: Positive | None = Field(
+    period_s: LongSeconds | None = Field(
         default=None,
         description=(
             "When the trace begins anew; by default the last row lasts as long as the one before "
@@ -247,25 +243,26 @@ class TraceDelaySettings(FromFile):
         ),
     )
 
-    @classmethod
-    def columns(cls, path: Path) -> dict[str, Any]:
-        rows = read_numbers(path, 2)
-        return {"times_s": [row[0] for row in rows], "delays_s": [row[1] for row in rows]}
-
-    @model_validator(mode="after")
-    def _replayable(self) -> "TraceDelaySettings":
+    def check(self) -> None:
         if len(self.times_s) != len(self.delays_s):
             raise ValueError(
                 f"times_s has {len(self.times_s)} entries and delays_s {len(self.delays_s)}"
             )
         if len(self.times_s) == 1 and self.period_s is None:
             raise ValueError("a trace of one row needs period_s")
-        bounds = self._bounds_ns()
-        for index, (before, after) in enumerate(pairwise(bounds)):
+        *times_ns, period_ns = self._bounds_ns()
+        for row, (before, after) in enumerate(pairwise(times_ns), start=1):
             if before >= after:
-                what = "period_s" if index == len(self.times_s) - 1 else f"times_s[{index + 1}]"
-                raise ValueError(f"{what} must exceed the time before it: times ascend")
-        return self
+                raise RowError(
+                    "times_s", row, self.times_s[row],
+                    f"must be at least 1 ns after the time before it, {self.times_s[row - 1]}",
+                )  # fmt: skip
+        if period_ns <= times_ns[-1]:
+            last_s = self.times_s[-1] - self.times_s[0]
+            raise ValueError(
+                f"period_s = {self.period_s} must be at least 1 ns longer than the {last_s} s from "
+                "the first time to the last"
+            )
 
     @property
     def range_ns(self) -> tuple[int, int | None]:

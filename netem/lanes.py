@@ -18,8 +18,9 @@ from netem.link import Transit
 from netem.problems import Problem, problems
 from netem.settings import LinkOverrides, LinkSettings, SettingError
 from netem.statistics import LinkStatistics, Tally
-from netem.tables import STRICT, Table, read_toml
+from netem.tables import STRICT, Table
 from netem.timeline import Timeline
+from netem.toml import read_toml
 
 Direction = Literal["forward", "backward"]
 DIRECTIONS: tuple[Direction, ...] = ("forward", "backward")

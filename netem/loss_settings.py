@@ -1,14 +1,14 @@
 """The tables that stand after ``loss =``."""
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from netem.from_file import FromFile
 from netem.link import Impairment
 from netem.loss import EveryNthLoss, RandomLoss, TraceLoss
 from netem.markov import FourState, GilbertElliott
-from netem.tables import Correlation, FromFile, Probability, Table, read_numbers
+from netem.tables import Correlation, Probability, Table
 
 
 class RandomLossSettings(Table):
@@ -89,14 +89,15 @@ class FourStateSettings(Table):
 class TraceLossSettings(FromFile):
     """``{ model = "trace", losses = [0, 0, 1] }`` (1: lost), or ``file = "losses.csv"``; loops."""
 
+    COLUMNS: ClassVar = ("losses",)
     model: Literal["trace"] = Field(description="By a list, in a loop.")
     losses: Annotated[list[Literal[0, 1]], Field(min_length=1)] = Field(
         description="1: lost, 0: not, message by message."
     )
 
     @classmethod
-    def columns(cls, path: Path) -> dict[str, Any]:
-        return {"losses": [int(x) if x in (0.0, 1.0) else x for (x,) in read_numbers(path, 1)]}
+    def numbers(cls, rows: list[list[float]]) -> dict[str, list[Any]]:
+        return {"losses": [int(x) if x in (0.0, 1.0) else x for (x,) in rows]}
 
     @property
     def never(self) -> bool:

@@ -58,6 +58,13 @@ _RULES = {
 }
 
 
+def rule_of(item: Any) -> str:
+    """The rule that one of a pydantic error's errors says is broken, in words."""
+    template = _RULES.get(item["type"])
+    said: str = item["msg"] if template is None else template.format(**item.get("ctx", {}))
+    return said
+
+
 def _problem(model: type[BaseModel], data: Any, loc: Place, kind: str, item: Any) -> Problem:
     value, context = item["input"], item.get("ctx", {})
     if kind == "missing":
@@ -68,8 +75,7 @@ def _problem(model: type[BaseModel], data: Any, loc: Place, kind: str, item: Any
     place = dotted(_place(data, loc))
     if kind == "extra_forbidden":
         return Problem(place, shown(value), _unknown_key(model, loc))
-    template = _RULES.get(kind)
-    rule = item["msg"] if template is None else template.format(**context)
+    rule = rule_of(item)
     if kind == "float_type":
         rule += _unit(place)
     expected = next((context[key] for key in ("expected", "expected_tags") if key in context), "")

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import networkx as nx
 import pytest
@@ -357,3 +358,17 @@ def test_the_readme_s_table_is_the_catalogue_s_and_its_numbers_are_those_of_a_ru
             tmp_path / "out")  # fmt: skip
     for line in (tmp_path / "out" / "claims.md").read_text().splitlines()[2:]:
         assert line in lines
+
+
+def test_results_that_cannot_be_written_are_told_and_the_table_still_shown(tmp_path, monkeypatch):
+    def no_room(path, data):
+        raise OSError(28, "No space left on device", str(path))
+
+    case = Case("short", "paper/theorem2.toml", ("duration_s=0.5",), ALL_HOLD)
+    claim = Claim("mine", "says", "where", "should", (case,))
+    monkeypatch.setattr(command, "catalogue", lambda: [claim])
+    monkeypatch.setattr(command, "files", SimpleNamespace(write_new=no_room))
+    code, said = formnet("claims", "--inline", "--out", tmp_path / "out")
+    assert code == 3
+    assert "mine" in said
+    assert f"No space left on device: '{tmp_path / 'out' / 'claims.md'}'" in said

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from formation.fault import FaultError, KillAction, PauseAction, spans_of
+from formation.fault import (
+    FaultError,
+    KillAction,
+    PauseAction,
+    RestartAction,
+    ResumeAction,
+    spans_of,
+)
 from formation.loading import ScenarioError, load, loads
 from formation.messages import Drive, State
 from formation.roster import Roster, Span
@@ -94,10 +101,53 @@ def test_actions_take_effect_at_the_first_tick_from_their_instant_on():
     exact = KillAction(action="kill", at_s=0.005, robots=1, restart_after_s=0.002)
     assert spans_at_1_ms(exact) == {1: [Span(5, 7, True)]}
     too_short = PauseAction(action="pause", at_s=0.0050001, robots=[2], resume_after_s=0.0001)
-    with pytest.raises(FaultError, match="cannot resume robot 2 twice at one tick"):
+    with pytest.raises(
+        FaultError, match="cannot resume robot 2: it is paused at that tick, and must be stopped"
+    ):
         spans_at_1_ms(too_short)
     late = PauseAction(action="pause", at_s=0.0050001, robots=[2])
     assert spans_at_1_ms(late) == {2: [Span(6, NEVER, False)]}
+
+
+DONE = {"kill": "killed", "restart": "restarted", "pause": "paused", "resume": "resumed"}
+BEFORE = {"kill": "up", "pause": "up", "restart": "killed", "resume": "paused"}
+AT_ONE_TICK = {
+    ("kill", "restart"): "must be down for one tick at least before it is restarted",
+    ("pause", "resume"): "must be stopped for one tick at least before it is resumed",
+    ("pause", "kill"): "must be stopped for one tick at least before it is killed",
+    ("restart", "kill"): "must be up for one tick at least before it is killed",
+    ("restart", "pause"): "must be up for one tick at least before it is paused",
+    ("resume", "kill"): None,  # it was stopped, and is dead
+    ("resume", "pause"): None,
+}
+"""What follows ``it is ... at that tick, and``; of every other pair only the beginning is said."""
+
+
+@pytest.mark.parametrize(("first", "second"), list(product(DONE, DONE)))
+def test_two_actions_on_one_robot_at_one_tick_are_told_apart(first, second):
+    """Each pair of them, at tick 5 of a robot that is ready for the first one since tick 2."""
+    kinds = {
+        "kill": KillAction,
+        "restart": RestartAction,
+        "pause": PauseAction,
+        "resume": ResumeAction,
+    }
+
+    def action(verb, at_s):
+        return kinds[verb](action=verb, at_s=at_s, robots=1)
+
+    ready = {"up": [], "killed": [action("kill", 0.002)], "paused": [action("pause", 0.002)]}
+    actions = [*ready[BEFORE[first]], action(first, 0.005), action(second, 0.005)]
+    words = AT_ONE_TICK.get((first, second), "")
+    if words is None:
+        assert spans_at_1_ms(*actions)
+        return
+    with pytest.raises(FaultError) as caught:
+        spans_at_1_ms(*actions)
+    beginning = f"cannot {second} robot 1: it is {DONE[first]} at that tick"
+    assert caught.value.problems == {
+        len(actions) - 1: f"{beginning}, and {words}" if words else beginning
+    }
 
 
 def test_a_random_choice_is_of_those_it_can_happen_to_and_depends_on_the_seed():
@@ -121,8 +171,8 @@ BAD = {
     "pause of a dead one": (f"{kill(1.0, 2)}, {pause(2.0, 2)}", r"timeline\[1\]: cannot pause robot 2: it is dead then"),
     "resume of a dead one": (f'{kill(1.0, 2)}, {{action="resume", at_s=2.0, robots=2}}', r"cannot resume robot 2: it is dead then"),
     "restarted already": (f'{kill(1.0, 2, 3.0)}, {{action="restart", at_s=2.0, robots=2}}', r"timeline\[0\]: cannot restart robot 2: it is up then"),
-    "twice at one tick": (f'{kill(1.0, 2)}, {{action="restart", at_s=1.0, robots=2}}', r"timeline\[1\]: cannot restart robot 2 twice at one tick"),
-    "reborn and killed": (f"{kill(1.0, 2, 1.0)}, {kill(2.0, 2)}", r"timeline\[0\]: cannot restart robot 2|timeline\[1\]: cannot kill robot 2"),
+    "twice at one tick": (f'{kill(1.0, 2)}, {{action="restart", at_s=1.0, robots=2}}', r"timeline\[1\]: cannot restart robot 2: it is killed at that tick, and must be down for one tick at least before it is restarted"),
+    "reborn and killed": (f"{kill(1.0, 2, 1.0)}, {kill(2.0, 2)}", r"timeline\[1\]: cannot kill robot 2: it is restarted at that tick, and must be up for one tick at least before it is killed"),
     "unknown robot": (kill(1.0, 9), r"timeline\[0\]: robot 9 does not exist \(robots: 1, 2, 3, 4, 5\)"),
     "no robots": (kill(1.0, "[]"), r"timeline\[0\]\.robots = \[\]: needs 1 or more"),
     "random of none": (kill(1.0, "{random=0}"), r"robots\.random = 0: must be at least 1"),

@@ -3,6 +3,7 @@
 import json
 import random
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -311,6 +312,21 @@ def test_the_command_tries_all_seeds(root, tmp_path):
     assert [run["seed"] for run in told] == [7, 8, 9, 10]
     assert [run["run_twice"] for run in told] == [False, False, False, True]
     assert len({run["trajectory_sha256"] for run in told}) == 4
+
+
+def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_path, monkeypatch):
+    def no_room(path, data):
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(command, "files", SimpleNamespace(write_new=no_room))
+    code, said = formnet(
+        "nemesis", root / "configs" / "paper" / "section5-delay.toml", "--inline", "--runs", 1,
+        "--set", "duration_s=0.5", "--set", "expect={formation=true, formation_tolerance_m=1e6}",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert code == 3
+    assert "all terminate, are consistent and recover" in said
+    assert f"No space left on device: '{tmp_path / 'out' / 'nemesis.json'}'" in said
 
 
 def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):

@@ -139,12 +139,23 @@ def test_a_pattern_from_a_file(here):
 @pytest.mark.parametrize(
     ("rows", "options", "message"),
     [
-        ("0,0\n1,one\n", [], "file p.csv, line 2: '1,one' is not 2 finite number(s)"),
-        ("x_m,y_m\n0,0\n1\n", [], "file p.csv, line 3: '1' is not 2 finite number(s)"),
-        ("0,0\n1,nan\n", [], "line 2"),
+        ("0,0\n1,one\n", [], "file p.csv, line 2, column 2 = 'one': must be a number"),
+        ("x_m,y_m\n0,0\n1\n", [], "file p.csv, line 3 = '1': must have 2 columns, has 1"),
+        ("0,0\n1,nan\n", [], "file p.csv, line 2, column 2 = 'nan': must be finite"),
+        ("0,0.5m\n1,0\n2,0\n", [], "file p.csv, line 1, column 2 = '0.5m': must be a number"),
+        ("0,0\n1e300,0\n", [], "file p.csv, line 2, column 1 = 1e+300: must be within ±1e+07 m"),
+        (
+            "0,0\n1,0\n1,1e-9\n",
+            [],
+            "line 3 = 1.0, 1e-09: robot 3 must be at least 0.001 m from robot 2 (line 2)",
+        ),
         ("", [], "file p.csv holds no numbers"),
         ("0,0\n", [], "file p.csv has one place; a formation needs two"),
-        ("0,0\n1,0\n0,0\n", [], "file p.csv: robots 1 and 3 have one place"),
+        (
+            "0,0\n1,0\n0,0\n",
+            [],
+            "file p.csv, line 3 = 0.0, 0.0: robot 3 must be at least 0.001 m from robot 1 (line 1)",
+        ),
         ("0,0\n1,0\n", ["--robots", "3"], "--robots 3: file p.csv has places for 2"),
         ("0,0\n1,0\n", ["--spacing", "2"], "--spacing: the places of a file have their own"),
     ],

@@ -16,8 +16,9 @@ from rich.table import Table
 
 from formation.loading import load
 from formation.scenario import Scenario
+from lab import files, pool, verdict
 from lab import inline as one_process
-from lab import pool, verdict
+from lab.canvas import save
 from lab.claims import figures, report
 from lab.claims.catalogue import COMPARED, catalogue
 from lab.claims.claim import Case, Claim
@@ -26,7 +27,6 @@ from lab.execution import execute
 from lab.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import BROKEN as RUN_BROKE
 from lab.exits import of as code_of
-from lab.files import attempt, replace
 from lab.folders import claimed, fresh_folder
 from lab.recording import Collected, Recording
 from lab.scenarios import CONFIGS
@@ -85,10 +85,12 @@ def run_claims(
         except pool.WorkFailed as error:
             failed = str(error)
     rows = list(_rows(chosen, done))
-    problems = attempt(partial(_write, folder, rows, mode="inline" if inline else "distributed"))
+    problems = files.attempt(
+        partial(_write, folder, rows, mode="inline" if inline else "distributed")
+    )
     output().print(_table(rows))
     if into is not None and len(done) == len(work):
-        problems += attempt(partial(report.put_into, into, report.markdown(rows)))
+        problems += files.attempt(partial(report.put_into, into, report.markdown(rows)))
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
@@ -181,17 +183,16 @@ def _rows(claims: Sequence[Claim], done: dict[tuple[str, str], Result]) -> Itera
 
 
 def _write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
-    replace(folder / "claims.md", report.markdown(rows))
+    files.replace(folder / "claims.md", report.markdown(rows))
     text = json.dumps(report.as_json(rows, mode=mode), indent=2, allow_nan=False,
                       ensure_ascii=False)  # fmt: skip
-    replace(folder / "claims.json", text + "\n")
+    files.write_new(folder / "claims.json", text + "\n")
     drawn = {"claims": figures.summary(rows)} if rows else {}
     following = next((row for row in rows if row.claim.key == "leader-follower"), None)
     if following is not None:
         drawn["remark-9"] = _remark_9(following)
     for name, figure in drawn.items():
-        for kind in ("png", "svg"):
-            figure.savefig(folder / f"{name}.{kind}", dpi=130)
+        save(figure, folder, name)
 
 
 def _remark_9(row: Row) -> Figure:

@@ -5,8 +5,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from lab import files
 from lab.claims.results import EQUATIONS, Row
-from lab.files import replace
 from lab.verdict import versions
 
 BEGIN, END = "<!-- formnet claims: begin -->", "<!-- formnet claims: end -->"
@@ -96,4 +96,4 @@ def around(file: Path) -> tuple[str, str]:
 def put_into(file: Path, table: str) -> None:
     """Replace what stands between BEGIN and END in ``file``; raises as :func:`around`."""
     before, after = around(file)
-    replace(file, f"{before}{BEGIN}\n{table}{END}{after}")
+    files.replace(file, f"{before}{BEGIN}\n{table}{END}{after}")

@@ -14,10 +14,9 @@ from rich.markup import escape
 
 from formation.loading import ScenarioError, dumps
 from formation.scenario import Scenario
-from lab import pool
+from lab import files, pool
 from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import of as code_of
-from lab.files import replace
 from lab.folders import claimed, fresh_folder
 from lab.nemesis.schedule import Episode, describe, draw, scheduled
 from lab.nemesis.shrink import shrunk
@@ -54,7 +53,7 @@ def run_nemesis(
     repeat = _repeat(path, overrides, limit_s, inline=inline)
     try:
         folder = claimed(out, "nemesis", partial(fresh_folder, first="command.txt"))
-        replace(folder / "command.txt", f"{repeat} {seed}\n")
+        files.replace(folder / "command.txt", f"{repeat} {seed}\n")
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
@@ -83,8 +82,11 @@ def run_nemesis(
             failed = str(error)
         except OSError as error:
             failed = in_words(error)
-    _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
     _summarise(console, folder, trials, done)
+    try:
+        _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
+    except OSError as error:
+        failed = failed or in_words(error)
     if failed is not None:
         console.print(f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}")
         return BROKEN
@@ -133,10 +135,10 @@ def _report(
     place.mkdir()
     for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
         scenario = scheduled(trial.scenario, trial.seed, episodes)
-        replace(place / f"{name}.toml", dumps(scenario))
+        files.write_new(place / f"{name}.toml", dumps(scenario))
     lines = list(describe(least))
     text = "\n".join([*finding.problems, "", "shrunk to:", *lines])
-    replace(place / "problems.txt", text + "\n")
+    files.write_new(place / "problems.txt", text + "\n")
     console.print(f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
                   f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
     for line in lines or ["(none: it fails without any)"]:
@@ -179,7 +181,7 @@ def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:
         for trial, finding in done
     ]
     text = json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False)
-    replace(folder / "nemesis.json", text + "\n")
+    files.write_new(folder / "nemesis.json", text + "\n")
 
 
 def _summarise(
