@@ -364,6 +364,8 @@ def new(
         path = write(Wish(name, robots, pattern, graph, network, spacing_m, seed, mode), out)
     except CannotWrite as error:
         _fail(2, str(error))
+    except OSError as error:
+        _fail(code_of(error), f"{error.filename} cannot be written: {error.strerror}")
     click.echo(f"wrote {path}; next: formnet check {path}, formnet run {path}")
 
 

@@ -55,8 +55,8 @@ def write(wish: Wish, out: Path | None) -> Path:
     """Write the scenario and, if there is none beside it, the schema; returns where.
 
     Raises:
-        CannotWrite: a wish that cannot be met, a file that exists or cannot be written. Then
-            nothing was.
+        CannotWrite: a wish that cannot be met, or a file that exists.
+        OSError: ``filename`` cannot be written. Then nothing was.
     """
     text = scenario_text(wish)
     path = out or Path(f"{wish.name}.toml")
@@ -69,8 +69,6 @@ def write(wish: Wish, out: Path | None) -> Path:
             raise
     except FileExistsError:
         raise CannotWrite(f"{path} exists already; nothing is overwritten") from None
-    except OSError as error:
-        raise CannotWrite(f"{error.filename} cannot be written: {error.strerror}") from None
     return path
 
 

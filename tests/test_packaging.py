@@ -74,7 +74,7 @@ def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
         'listen = "tcp/127.0.0.1:7447"\n[[hosts]]\nname = "a"\nssh = "a"\nrobots = [1]\n'
     )
     told = formnet("doctor", "--hosts", hosts)
-    assert told.exit_code == 1
+    assert told.exit_code == 3
     assert "pip install 'formnet[hosts]'" in told.output
 
 
