@@ -25,6 +25,7 @@ from netem.link import (
     LOST_TRACE,
     Impairment,
     Link,
+    Shared,
     Transit,
 )
 from netem.loss import EveryNthLoss, PredicateLoss, RandomLoss, TraceLoss
@@ -75,6 +76,7 @@ __all__ = [
     "RandomLoss",
     "Rate",
     "Reorder",
+    "Shared",
     "Slots",
     "Timeline",
     "TraceDelay",
