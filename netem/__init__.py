@@ -25,7 +25,6 @@ from netem.link import (
     LOST_TRACE,
     Impairment,
     Link,
-    Shared,
     Transit,
 )
 from netem.loss import EveryNthLoss, PredicateLoss, RandomLoss, TraceLoss
@@ -37,6 +36,7 @@ from netem.ramp import Ramp
 from netem.rate import Rate
 from netem.reorder import Reorder
 from netem.settings import LinkOverrides, LinkSettings
+from netem.shared import Shared
 from netem.slots import Slots
 from netem.streams import stream
 from netem.timeline import Timeline

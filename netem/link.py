@@ -7,9 +7,10 @@ import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from netem.duplicate import Duplicate
+from netem.shared import Shared
 from netem.streams import stream
 
 DELIVERED = "delivered"
@@ -100,24 +101,6 @@ class Impairment(Protocol):
 
         A burst, a backlog or a count survives a change of settings; nothing is
         taken over from another kind of impairment.
-        """
-        ...
-
-
-@runtime_checkable
-class Shared(Impairment, Protocol):
-    """An impairment in which messages take room or time that others then do not have.
-
-    Its ``twin`` is itself: duplicates share the room.
-    """
-
-    def occupy(self, under_way: Sequence[Transit]) -> None:
-        """Have ``under_way``, in any order, take room and time here, and nothing else.
-
-        What left before the next message was sent may be among them. It is called where
-        this impairment did not see how they came to be what is on the link: when it is
-        turned on, after a cut that lost what was in flight, and when the last one that kept
-        their order behind it is turned off. Each leaves the line at its ``leaves_ns``.
         """
         ...
 

@@ -22,12 +22,12 @@ from netem import (
     LinkSettings,
     Ramp,
     Rate,
+    Shared,
     Slots,
     Timeline,
     Transit,
 )
 from netem.lanes import ChangeRequest, LaneFile, Lanes
-from netem.link import Shared
 
 MS = 1_000_000
 S = 1_000_000_000
