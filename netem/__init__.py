@@ -36,6 +36,7 @@ from netem.ramp import Ramp
 from netem.rate import Rate
 from netem.reorder import Reorder
 from netem.settings import LinkOverrides, LinkSettings
+from netem.shared import Shared
 from netem.slots import Slots
 from netem.streams import stream
 from netem.timeline import Timeline
@@ -75,6 +76,7 @@ __all__ = [
     "RandomLoss",
     "Rate",
     "Reorder",
+    "Shared",
     "Slots",
     "Timeline",
     "TraceDelay",

@@ -5,10 +5,14 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from random import Random
 
+from netem.calibration import Staircase, calibrated
 from netem.checks import correlation as checked_correlation
-from netem.copula import GaussianCopula, clipped, latent_correlation
+from netem.copula import GaussianCopula, clipped
 from netem.distributions import Distribution, Pareto
 from netem.link import Impairment, Transit
+
+_MANY = 4096
+"""So many equally likely values in a row, or more, are correlated as a continuum is."""
 
 
 class ConstantDelay:
@@ -37,7 +41,10 @@ class UniformDelay:
 
     ``low`` and ``high`` are the ends of the range, not tc-netem's half-range
     "jitter". Later messages may overtake earlier ones. ``correlation`` is the
-    lag-1 correlation of the travel times; it leaves their distribution as it is.
+    lag-1 correlation of the travel times, within 0.005; it leaves their distribution as it is.
+
+    Raises:
+        ValueError: the range is none, or a correlation where there is only one value.
     """
 
     name = "delay"
@@ -46,13 +53,16 @@ class UniformDelay:
         if not 0 <= low_ns <= high_ns:
             raise ValueError(f"need 0 <= low_ns <= high_ns, got low_ns={low_ns}, high_ns={high_ns}")
         self._low_ns = low_ns
-        self._count = high_ns - low_ns + 1
-        self._correlation = correlation
-        rho = 2.0 * math.sin(math.pi / 6.0 * checked_correlation(correlation))  # closed form
+        count = self._count = high_ns - low_ns + 1
+        rho = 2.0 * math.sin(math.pi / 6.0 * checked_correlation(correlation))  # of a continuum
+        if correlation and count < _MANY:
+            rho = Staircase(lambda u: int(u * count)).confirmed(rho, correlation)
         self._copula = GaussianCopula(rho) if rho else None
 
     def twin(self) -> "UniformDelay":
-        return UniformDelay(self._low_ns, self._low_ns + self._count - 1, self._correlation)
+        twin = UniformDelay(self._low_ns, self._low_ns + self._count - 1)
+        twin._copula = _twin(self._copula)
+        return twin
 
     def inherit(self, before: Impairment) -> None:
         if isinstance(before, UniformDelay | RandomDelay):
@@ -69,7 +79,8 @@ class RandomDelay:
     to the nearest nanosecond. ``correlation`` as for :class:`UniformDelay`.
 
     Raises:
-        ValueError: a negative offset, or a correlation where there is no variance.
+        ValueError: a negative offset, or a correlation where there is no variance: none that
+            is finite, or one value.
     """
 
     name = "delay"
@@ -84,19 +95,21 @@ class RandomDelay:
             and isinstance(distribution, Pareto)
             and not distribution.has_variance
         ):
-            raise ValueError("a Pareto delay of shape <= 2 has no variance, so no correlation")
+            raise ValueError(
+                f"shape = {distribution.shape} has no variance, so correlation = {correlation} "
+                "means nothing: needs shape > 2"
+            )
         self._distribution = distribution
-        self._correlation = correlation
         self._quantile = distribution.quantile
         self._offset_s = offset_s
         self._copula = (
-            GaussianCopula(latent_correlation(distribution.quantile, correlation))
-            if correlation
-            else None
+            GaussianCopula(calibrated(distribution, offset_s, correlation)) if correlation else None
         )
 
     def twin(self) -> "RandomDelay":
-        return RandomDelay(self._distribution, self._offset_s, self._correlation)
+        twin = RandomDelay(self._distribution, self._offset_s)
+        twin._copula = _twin(self._copula)
+        return twin
 
     def inherit(self, before: Impairment) -> None:
         if isinstance(before, UniformDelay | RandomDelay):
@@ -138,6 +151,11 @@ class TraceDelay:
         if not copy.hurried:
             row = bisect_right(self._times_ns, copy.sent_ns % self._period_ns) - 1
             copy.due_ns += self._delays_ns[row]
+
+
+def _twin(copula: GaussianCopula | None) -> GaussianCopula | None:
+    """One that is calibrated alike and has drawn nothing."""
+    return None if copula is None else GaussianCopula(copula.rho)
 
 
 def _go_on(copula: GaussianCopula | None, before: GaussianCopula | None) -> None:

@@ -1,7 +1,7 @@
 """The tables that stand after ``delay =``."""
 
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -23,6 +23,22 @@ from netem.tables import (
 def _names_its_kind(schema: dict[str, Any]) -> None:
     """In a file ``distribution`` is required, although in Python it has a default."""
     schema["required"] = ["distribution"]
+
+
+class _Correlated(Protocol):
+    correlation: float
+
+    def impairment(self) -> Impairment: ...
+
+
+_Delay = TypeVar("_Delay", bound=_Correlated)
+
+
+def _correlated(settings: _Delay) -> _Delay:
+    """``settings``, of which the impairment knows whether their correlation can be had."""
+    if settings.correlation:
+        settings.impairment()
+    return settings
 
 
 class ConstantDelaySettings(Table):
@@ -60,7 +76,7 @@ class UniformDelaySettings(Table):
     def _ordered(self) -> "UniformDelaySettings":
         if self.low_s > self.high_s:
             raise ValueError(f"low_s = {self.low_s} must not exceed high_s = {self.high_s}")
-        return self
+        return _correlated(self)
 
     @property
     def range_ns(self) -> tuple[int, int | None]:
@@ -88,6 +104,10 @@ class _RandomDelaySettings(Table):
     def range_ns(self) -> tuple[int, int | None]:
         """The shortest delay; there is no longest."""
         return nanoseconds(self.offset_s), None
+
+    @model_validator(mode="after")
+    def _can_be_correlated(self) -> "_RandomDelaySettings":
+        return _correlated(self)
 
     def law(self) -> distributions.Distribution:
         """The distribution of what comes on top of the offset."""
@@ -163,15 +183,6 @@ class ParetoDelaySettings(_RandomDelaySettings):
     minimum_s: PositiveSeconds = Field(description="The shortest delay.")
     shape: Shape = Field(description="The shape; the smaller, the heavier the tail.")
 
-    @model_validator(mode="after")
-    def _has_variance(self) -> "ParetoDelaySettings":
-        if self.correlation and self.shape <= 2.0:
-            raise ValueError(
-                f"shape = {self.shape} has no variance, so correlation = {self.correlation} "
-                "means nothing: needs shape > 2"
-            )
-        return self
-
     def law(self) -> distributions.Distribution:
         return distributions.Pareto(self.minimum_s, self.shape)
 
@@ -206,6 +217,10 @@ class EmpiricalDelaySettings(FromFile):
         description="Lag-1 correlation of successive delays; their distribution stays what it is.",
     )
 
+    @model_validator(mode="after")
+    def _can_be_correlated(self) -> "EmpiricalDelaySettings":
+        return _correlated(self)
+
     @property
     def range_ns(self) -> tuple[int, int | None]:
         """The shortest and the longest sample."""
@@ -216,7 +231,7 @@ class EmpiricalDelaySettings(FromFile):
         return distributions.Empirical(self.samples_s).quantile(u)
 
     def impairment(self) -> Impairment:
-        if min(self.samples_s) == max(self.samples_s):
+        if min(self.samples_s) == max(self.samples_s) and not self.correlation:
             return ConstantDelay(nanoseconds(self.samples_s[0]))
         return RandomDelay(distributions.Empirical(self.samples_s), 0.0, self.correlation)
 

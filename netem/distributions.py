@@ -27,7 +27,27 @@ def _positive(**values: float) -> None:
             raise ValueError(f"{name} must be > 0 and finite, got {value}")
 
 
-class Normal:
+class Known:
+    """A distribution that ``numbers`` determine: equal ones of one class are equal."""
+
+    def __init__(self, numbers: Sequence[float]) -> None:
+        self._numbers = tuple(numbers)
+
+    def quantile(self, u: float) -> float:
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Known)
+            and type(self) is type(other)
+            and self._numbers == other._numbers
+        )
+
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, self._numbers))
+
+
+class Normal(Known):
     """Normal, truncated at zero: only what lies above zero is drawn.
 
     ``mean`` and ``stddev`` are those before the truncation, which moves the
@@ -37,6 +57,7 @@ class Normal:
 
     def __init__(self, mean: float, stddev: float) -> None:
         _positive(mean=mean, stddev=stddev)
+        super().__init__((mean, stddev))
         self._mean, self._stddev = mean, stddev
         self._above = _NORMAL.cdf(mean / stddev)
 
@@ -49,11 +70,12 @@ class Normal:
         return max(0.0, self._mean + self._stddev * score)
 
 
-class LogNormal:
+class LogNormal(Known):
     """Log-normal with this ``mean`` and ``stddev`` of the delay itself (not of its logarithm)."""
 
     def __init__(self, mean: float, stddev: float) -> None:
         _positive(mean=mean, stddev=stddev)
+        super().__init__((mean, stddev))
         variance = math.log1p((stddev / mean) ** 2)
         self._mu, self._sigma = math.log(mean) - variance / 2.0, math.sqrt(variance)
 
@@ -61,7 +83,7 @@ class LogNormal:
         return math.exp(self._mu + self._sigma * _NORMAL.inv_cdf(u))
 
 
-class Gamma:
+class Gamma(Known):
     """Gamma with this ``mean`` and ``stddev``: shape (mean/stddev)², scale stddev²/mean.
 
     ``stddev`` is at most 100 ``mean``: beyond, nearly every draw is below any number there is.
@@ -71,6 +93,7 @@ class Gamma:
         _positive(mean=mean, stddev=stddev)
         if stddev > 100.0 * mean:
             raise ValueError(f"stddev must be at most 100 mean, got {stddev} and {mean}")
+        super().__init__((mean, stddev))
         from scipy.special import gammaincinv  # slow to import, and only this needs it
 
         self._inverse = gammaincinv
@@ -80,18 +103,19 @@ class Gamma:
         return self._scale * float(self._inverse(self._shape, u))
 
 
-class Weibull:
+class Weibull(Known):
     """Weibull: P(X > x) = exp(−(x/scale)^shape)."""
 
     def __init__(self, scale: float, shape: float) -> None:
         _positive(scale=scale, shape=shape)
+        super().__init__((scale, shape))
         self._scale, self._power = scale, 1.0 / shape
 
     def quantile(self, u: float) -> float:
         return float(self._scale * (-math.log1p(-u)) ** self._power)
 
 
-class Pareto:
+class Pareto(Known):
     """Pareto (type I): P(X > x) = (minimum/x)^shape for x ≥ ``minimum``.
 
     The mean is finite for shape > 1, the standard deviation for shape > 2.
@@ -99,25 +123,28 @@ class Pareto:
 
     def __init__(self, minimum: float, shape: float) -> None:
         _positive(minimum=minimum, shape=shape)
+        super().__init__((minimum, shape))
         self._minimum, self._power = minimum, -1.0 / shape
+        self.shape = shape
         self.has_variance = shape > 2.0
 
     def quantile(self, u: float) -> float:
         return float(self._minimum * (1.0 - u) ** self._power)
 
 
-class Exponential:
+class Exponential(Known):
     """Exponential with this ``mean``."""
 
     def __init__(self, mean: float) -> None:
         _positive(mean=mean)
+        super().__init__((mean,))
         self._mean = mean
 
     def quantile(self, u: float) -> float:
         return -self._mean * math.log1p(-u)
 
 
-class Empirical:
+class Empirical(Known):
     """One of ``samples``, each equally likely: the inverse of their empirical distribution."""
 
     def __init__(self, samples: Sequence[float]) -> None:
@@ -127,6 +154,7 @@ class Empirical:
             if not 0.0 <= sample < math.inf:
                 raise ValueError(f"samples[{index}] must be >= 0 and finite, got {sample}")
         self._sorted = sorted(samples)
+        super().__init__(self._sorted)
 
     def quantile(self, u: float) -> float:
         return self._sorted[int(u * len(self._sorted))]

@@ -10,6 +10,7 @@ from random import Random
 from typing import Any, Protocol
 
 from netem.duplicate import Duplicate
+from netem.shared import Shared
 from netem.streams import stream
 
 DELIVERED = "delivered"
@@ -34,10 +35,12 @@ FATES = frozenset({
 class Transit:
     """One copy of a message on its way through a link.
 
-    Impairments change ``due_ns``, ``payload``, ``fate`` and ``hurried``; what was
-    sent (``sequence``, ``sent_ns``, the sender's ``note``) stays. ``fate`` is DELIVERED,
-    DUPLICATED (a second copy, delivered), CORRUPTED (delivered damaged) or one of the
-    LOST kinds; ``hurried`` says that the copy overtakes delay and rate.
+    Impairments change ``due_ns``, ``payload``, ``fate``, ``hurried`` and ``left_ns``;
+    what was sent (``sequence``, ``sent_ns``, the sender's ``note``) stays. ``fate`` is
+    DELIVERED, DUPLICATED (a second copy, delivered), CORRUPTED (delivered damaged) or one
+    of the LOST kinds; ``hurried`` says that the copy overtakes delay and rate; ``left_ns``
+    is when it left the line, where the receiver then held or refused it, else None;
+    ``cut`` says that it was sent while the link was cut.
     """
 
     sequence: int
@@ -47,11 +50,23 @@ class Transit:
     fate: str = DELIVERED
     hurried: bool = False
     note: Any = None
+    left_ns: int | None = None
+    cut: bool = False
 
     @property
     def lost(self) -> bool:
         """Whether the copy never arrives."""
         return self.fate.startswith("lost")
+
+    @property
+    def absent(self) -> bool:
+        """Whether the copy takes no room and no time: lost, or sent while the link was cut."""
+        return self.cut or self.lost
+
+    @property
+    def leaves_ns(self) -> int:
+        """When the copy has left the line, whatever the receiver then does with it."""
+        return self.due_ns if self.left_ns is None else self.left_ns
 
 
 class Impairment(Protocol):
@@ -74,9 +89,10 @@ class Impairment(Protocol):
         """Decide about one copy.
 
         Called in the order of sending, also for a copy that an earlier
-        impairment lost: an impairment draws for it all the same, so that its
-        later draws do not depend on its predecessors, but lets it take no room
-        and no time. A fate once lost stays.
+        impairment lost and for one sent on a link that is cut: an impairment
+        draws for it all the same, so that its later draws do not depend on its
+        predecessors or on the cut, but lets it take no room and no time
+        (``Transit.absent``). A fate once lost stays.
         """
         ...
 
@@ -136,6 +152,7 @@ class Link:
         self._kinds: dict[str, _Draws] = {}
         self._cut = False
         self._pending: list[tuple[int, int, Transit]] = []  # due, order of sending, copy
+        self._refused: list[tuple[int, int, Transit]] = []  # by the receiver: leaves, likewise
         self._order = 0
         self.change(impairments, duplicate)
 
@@ -144,7 +161,8 @@ class Link:
 
         An object that the link holds already stays as it is, one in whose place
         another of its name comes hands its state on, and every random stream
-        goes on where it is.
+        goes on where it is. What is under way takes room and time in a :class:`Shared`
+        one that is turned on, and is not overtaken where order is kept.
 
         Raises:
             ValueError: as for the constructor; the link stays as it was.
@@ -155,9 +173,13 @@ class Link:
         twins = dict(zip(map(id, self._originals), self._twins, strict=False))
         before = {stage.name: stage for stage in self._originals}
         before_twins = {stage.name: stage for stage in self._twins}
-        self._originals = list(impairments)
+        held, self._originals = self._originals, list(impairments)
         for stage in self._originals:
-            _inherit(stage, before.get(stage.name))
+            known = before.get(stage.name)
+            if isinstance(stage, Shared) and type(known) is not type(stage):
+                stage.occupy(self._under_way())
+            _inherit(stage, known)
+        self._hand_over([stage.name for stage in held if isinstance(stage, Shared)])
         self._twins = []
         if duplicate is not None:  # twins are not free: a correlated delay calibrates its copula
             self._twins = [twins.get(id(stage)) or stage.twin() for stage in self._originals]
@@ -166,6 +188,20 @@ class Link:
                     _inherit(twin, before_twins.get(twin.name))
         self._duplicate = duplicate
         self._kinds = {}
+
+    def _hand_over(self, shared: list[str]) -> None:
+        """Where the last of what was ``shared`` is off, have the last that is still on know
+        when what is under way leaves: it has not seen what held it up behind it."""
+        stages = {stage.name: stage for stage in self._originals}
+        still_on = [name for name in shared if name in stages]
+        if still_on and still_on[-1] != shared[-1]:
+            last = stages[still_on[-1]]
+            if isinstance(last, Shared):
+                last.occupy(self._under_way())
+
+    def _under_way(self) -> list[Transit]:
+        """What has not left the line, as far as is known, also if the receiver will refuse it."""
+        return [transit for _, _, transit in [*self._pending, *self._refused]]
 
     @property
     def impairments(self) -> list[Impairment]:
@@ -205,6 +241,7 @@ class Link:
             copies.append(Transit(sequence, now_ns, now_ns, payload, DUPLICATED, note=note))
         stages = draws.originals
         for transit in copies:
+            transit.cut = self._cut
             for impairment, random in stages:
                 impairment.apply(transit, random)
             stages = draws.twins
@@ -214,13 +251,23 @@ class Link:
                     continue
                 self._order += 1
                 heapq.heappush(self._pending, (transit.due_ns, self._order, transit))
+            elif transit.left_ns is not None and not self._cut:
+                self._note_refused(transit)
         return copies
+
+    def _note_refused(self, transit: Transit) -> None:
+        """Remember a copy that is on the line although the receiver will refuse it."""
+        while self._refused and self._refused[0][0] <= transit.sent_ns:
+            heapq.heappop(self._refused)
+        self._order += 1
+        heapq.heappush(self._refused, (transit.leaves_ns, self._order, transit))
 
     def cut(self, now_ns: int, *, lose_in_flight: bool) -> list[Transit]:
         """Lose whatever is sent from now on, and what is due after ``now_ns`` if asked to.
 
         Returns what was in flight and is lost, in the order it would have come.
-        Impairments go on drawing, so that a cut changes nothing after it.
+        Impairments go on drawing, so that a cut changes nothing after it; what it
+        loses takes no room and no time.
         """
         self._cut = True
         if not lose_in_flight:
@@ -230,6 +277,10 @@ class Link:
             transit.fate = LOST_CUT
         self._pending = [entry for entry in self._pending if not entry[2].lost]
         heapq.heapify(self._pending)
+        self._refused = []
+        for stage in self._originals:
+            if isinstance(stage, Shared):
+                stage.occupy(self._under_way())
         return lost
 
     def heal(self) -> None:

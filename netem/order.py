@@ -1,5 +1,6 @@
 """Order kept in spite of jitter."""
 
+from collections.abc import Sequence
 from random import Random
 
 from netem.link import Impairment, Transit
@@ -23,7 +24,10 @@ class KeepOrder:
         if isinstance(before, KeepOrder):
             self._latest_ns = before._latest_ns
 
+    def occupy(self, under_way: Sequence[Transit]) -> None:
+        self._latest_ns = max((copy.leaves_ns for copy in under_way), default=0)
+
     def apply(self, copy: Transit, random: Random) -> None:
-        if not copy.lost:
+        if not copy.absent:
             self._latest_ns = max(self._latest_ns, copy.due_ns)
             copy.due_ns = self._latest_ns

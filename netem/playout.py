@@ -28,6 +28,7 @@ class Playout:
     def apply(self, copy: Transit, random: Random) -> None:
         if copy.lost:
             return
+        copy.left_ns = copy.due_ns
         if copy.due_ns > copy.sent_ns + self._playout_ns:
             copy.fate = LOST_LATE
         else:

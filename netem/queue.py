@@ -1,6 +1,7 @@
 """A queue of limited length: what does not fit is lost (tail drop)."""
 
 import heapq
+from collections.abc import Sequence
 from random import Random
 
 from netem.link import LOST_QUEUE, Impairment, Transit
@@ -35,6 +36,12 @@ class QueueLimit:
         heapq.heappush(self._departures, (leaves_ns, size))
         self._backlog_bytes += size
 
+    def occupy(self, under_way: Sequence[Transit]) -> None:
+        """Have ``under_way`` take room, each until it leaves the line, and nothing else."""
+        self._departures = [(copy.leaves_ns, len(copy.payload)) for copy in under_way]
+        heapq.heapify(self._departures)
+        self._backlog_bytes = sum(size for _, size in self._departures)
+
     def take_over(self, before: "QueueLimit") -> None:
         """Count what is under way in ``before`` as being here."""
         self._departures = before._departures
@@ -56,8 +63,11 @@ class QueueEntry:
         if isinstance(before, QueueEntry):
             self._limit.take_over(before._limit)
 
+    def occupy(self, under_way: Sequence[Transit]) -> None:
+        self._limit.occupy(under_way)
+
     def apply(self, copy: Transit, random: Random) -> None:
-        if not copy.lost and not self._limit.admits(copy.sent_ns, len(copy.payload)):
+        if not copy.absent and not self._limit.admits(copy.sent_ns, len(copy.payload)):
             copy.fate = LOST_QUEUE
 
 
@@ -76,5 +86,5 @@ class QueueExit:
         """Nothing: the entry takes over what both share."""
 
     def apply(self, copy: Transit, random: Random) -> None:
-        if not copy.lost:
+        if not copy.absent:
             self._limit.enter(copy.due_ns, len(copy.payload))

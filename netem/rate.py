@@ -1,5 +1,6 @@
 """Rate: a link that takes its time to send a message."""
 
+from collections.abc import Sequence
 from random import Random
 
 from netem.link import Impairment, Transit
@@ -14,6 +15,7 @@ class Rate:
     max(arrival, end of the one before) + 8 L / rate, rounded up to whole
     nanoseconds, so the rate is exceeded over no stretch of time, order is kept,
     and idle time earns no credit. Put it after delay: the line is at the far end.
+    Turned on, the line is free when the last of what is under way has left.
     """
 
     name = "rate"
@@ -52,8 +54,11 @@ class Rate:
         if isinstance(before, Rate):
             self._free_ns = before._free_ns
 
+    def occupy(self, under_way: Sequence[Transit]) -> None:
+        self._free_ns = max((copy.leaves_ns for copy in under_way), default=0)
+
     def apply(self, copy: Transit, random: Random) -> None:
-        if copy.lost or copy.hurried:
+        if copy.absent or copy.hurried:
             return
         start_ns = max(copy.due_ns, self._free_ns)
         self._free_ns = start_ns + self.duration_ns(len(copy.payload))
