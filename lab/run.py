@@ -157,11 +157,13 @@ def _conclude(
 
     What was recorded and its verdict come first, what shows them after that.
     """
+    problems = recording.save()
     judged = verdict.of(recording, **how)
-    problems = _save(recording, judged)
-    if any(code_of(problem) == BROKEN for problem in problems):  # the scene may have filled it
+    problems += files.attempt(lambda: verdict.save(judged, recording.folder))
+    if problems:  # the scene may have filled the disk
         scene.make_room()
-        problems = _save(recording, judged)
+        problems = recording.save()
+        problems += files.attempt(lambda: verdict.save(judged, recording.folder))
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     page = output()
     page.print(links_table(rows, "all are in verdict.json"))
@@ -192,10 +194,6 @@ def _conclude(
     if outcome.kind not in ("completed", "diverged"):
         return BROKEN
     return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
-
-
-def _save(recording: Recording, judged: dict[str, Any]) -> list[OSError]:
-    return recording.save() + files.attempt(lambda: verdict.save(judged, recording.folder))
 
 
 def _table(judged: dict[str, Any]) -> Table:
