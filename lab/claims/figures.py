@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from formation.geometry import errors
 from formation.record import Event
-from lab.canvas import COLOURS, blank
+from lab.canvas import COLOURS, blank, colours, dashes
 from lab.claims.results import BROKEN, EQUATIONS, FAILS, OBSERVED, Row
 from lab.recording import Collected
 
@@ -114,9 +114,11 @@ def _motion(axes: Axes, run: Collected, kill: Event) -> None:
     """Where the robots are at the kill and at the end, and their ways between."""
     t_ns, positions = run.trajectories.t_ns, run.trajectories.positions_m
     since = int(np.searchsorted(t_ns, kill.t_ns))
-    for k, robot in enumerate(run.scenario.ids):
-        colour = COLOURS[k % len(COLOURS)]
-        axes.plot(*positions[since:, k].T, color=colour, lw=1.2)
+    count = len(run.scenario.ids)
+    for k, (robot, colour, dash) in enumerate(
+        zip(run.scenario.ids, colours(count), dashes(count), strict=True)
+    ):
+        axes.plot(*positions[since:, k].T, color=colour, ls=dash, lw=1.2)
         axes.plot(*positions[since, k], "o", color=colour, mfc="white", ms=6)
         dead = robot in kill.details["robots"]
         axes.plot(*positions[-1, k], "X" if dead else "o", color=colour, ms=9 if dead else 6)
