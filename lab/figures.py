@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from formation.scenario import Expect, Scenario
-from lab import link_figures
+from lab import claim_words, link_figures
 from lab.canvas import COLOURS, HALF_IN, MOST_NAMED, blank, colours, curves, dashes, line_or_point
 from lab.graph_figure import graph
 from lab.heading_figure import headings
@@ -21,10 +21,6 @@ from plant.world import RUNAWAY
 
 MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
-_LABELS = {
-    "formation": "formation, Eq. 3 (m)", "heading": "heading, Eq. 4 (rad)",
-    "centroid": "centroid, Eq. 5 (m)",
-}  # fmt: skip
 
 
 def draw(recording: Collected, folder: Path) -> None:
@@ -138,7 +134,7 @@ def thumbnail(scenario: Scenario, whole_run: Trajectories) -> Figure:
 
 
 def errors(recording: Collected) -> Figure:
-    """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged.
+    """The three errors on a log axis, with tolerances and the stretch that is judged.
 
     Those of the robots that are up at the end, as in the verdict.
     """
@@ -148,11 +144,12 @@ def errors(recording: Collected) -> Figure:
     axes = figure.subplots()
     tolerances = tolerances_of(scenario.expect or Expect())
     mark = line_or_point(trajectories.t_s)
+    labels = claim_words.labels(scenario)
     for (claim, series), colour in zip(
         by_claim(error_series(scenario, trajectories, judged)).items(), COLOURS, strict=False
     ):
         axes.semilogy(
-            trajectories.t_s, np.maximum(series, 1e-16), mark, color=colour, label=_LABELS[claim]
+            trajectories.t_s, np.maximum(series, 1e-16), mark, color=colour, label=labels[claim]
         )
         axes.axhline(tolerances[claim], color=colour, ls=":", lw=1.0)
     end = trajectories.t_s[-1]

@@ -22,9 +22,6 @@ _MARGIN = 0.2
 _CUT = "#C1121F"
 _DOWN = "0.72"
 
-Handle = Line2D | tuple[Line2D, ...]
-"""What stands in a legend."""
-
 
 class Cuts(NamedTuple):
     """The directions of an edge, as pairs of ids, that were cut at the end and that were healed."""
@@ -78,9 +75,9 @@ def _end_ns(recording: Collected) -> int:
 
 def _draw_edges(
     axes: Axes, scenario: Scenario, lines: NDArray[np.float64], end_ns: int
-) -> dict[str, Handle]:
+) -> dict[str, Line2D]:
     """The edges (n, 41, 2); what a legend says of them, by label."""
-    legend: dict[str, Handle] = {}
+    legend: dict[str, Line2D] = {}
     weights = scenario.formation.weights
     alike = len(set(weights.values())) <= 1
     for (edge, weight), line in zip(weights.items(), lines, strict=True):
@@ -105,7 +102,7 @@ def _draw_edges(
     return legend
 
 
-def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -> dict[str, Handle]:
+def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -> dict[str, Line2D]:
     """The robots; what a legend says of them, by label."""
     scenario = recording.scenario
     offsets = scenario.offsets_m
@@ -127,23 +124,21 @@ def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -
                       va="center", fontsize=min(10.0, 0.5 * size_pt), zorder=3)  # fmt: skip
         if damping > 0.0:
             others = np.concatenate([np.delete(offsets, i, axis=0), lines.reshape(-1, 2)])
-            _beside(
-                axes,
-                offsets[i],
-                others,
-                f"μ = {damping:g}",
-                (1.7 if falls else 1.0) * size_pt,
-                points_per_m,
-            )
+            room_pt = (1.7 if falls else 1.0) * size_pt
+            _beside(axes, offsets[i], others, f"μ = {damping:g}", room_pt, points_per_m)
         if falls:
-            (down if is_down else over).extend(falls)
+            if is_down:
+                down.append(falls[-1])
+            else:
+                over.extend(falls)
             axes.plot(*offsets[i], "x", ms=1.3 * size_pt, color="black", mew=1.8, zorder=1.9)
-    legend: dict[str, Handle] = {"damped: μ > 0": _node("white", "black")} if damped else {}
-    cross = Line2D([], [], color="black", marker="x", mew=1.6, ls="")
+    legend: dict[str, Line2D] = {"damped: μ > 0": _node("white", "black")} if damped else {}
     if down:
-        legend[f"robot {_befell(down)}, and down at the end"] = (_node(_DOWN, "none"), cross)
+        legend[f"grey, crossed out: {_befell(down)}, and down at the end"] = _node(_DOWN, "none")
     if over:
-        legend[f"robot {_befell(over)}, and up again at the end"] = cross
+        legend[f"crossed out: {_befell(over)}, and up again at the end"] = Line2D(
+            [], [], color="black", marker="x", ms=11, mew=1.6, ls=""
+        )
     return legend
 
 
@@ -182,5 +177,7 @@ def _beside(
     gaps = place + aside_pt / points_per_m - others[:, None]
     gaps = np.linalg.norm(gaps * [0.5, 1.0], axis=-1)  # letters are wide
     best = int(np.argmax(gaps.min(axis=0)))
-    axes.annotate(text, place, xytext=tuple(aside_pt[best]), textcoords="offset points",
-                  ha="center", va="center", fontsize=8, zorder=3)  # fmt: skip
+    right_pt, up_pt = aside_pt[best]
+    axes.annotate(text, (place[0], place[1]), xytext=(right_pt, up_pt),
+                  textcoords="offset points", ha="center", va="center", fontsize=8,
+                  zorder=3)  # fmt: skip

@@ -66,7 +66,7 @@ def gaps_to_mean(found: Series, up: NDArray[np.bool_]) -> Series:
 def wrapped(angle_rad: Series) -> Series:
     """Angles in (-π, π]."""
     with np.errstate(invalid="ignore"):  # not finite
-        return np.pi - np.mod(np.pi - angle_rad, 2.0 * np.pi)  # type: ignore[no-any-return]
+        return np.pi - np.mod(np.pi - angle_rad, 2.0 * np.pi)
 
 
 def on_circle(t_s: Series, angle_rad: Series) -> tuple[Series, Series]:

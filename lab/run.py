@@ -17,7 +17,8 @@ from rich.table import Table
 from formation.loading import ScenarioError, load
 from formation.record import Event, Outcome, Record
 from formation.scenario import Scenario
-from lab import live, lyapunov, verdict
+from formation.theory import of_the_paper
+from lab import claim_words, live, lyapunov, verdict
 from lab.execution import execute
 from lab.foresight import foresee
 from lab.links_table import links_table, output
@@ -31,13 +32,6 @@ if TYPE_CHECKING:
     from lab.rrd import RunFile
 
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
-
-CLAIM_TITLES = {
-    "formation": ("formation (Eq. 3)", "m"),
-    "heading": ("heading (Eq. 4)", "rad"),
-    "centroid": ("centroid (Eq. 5)", "m"),
-    "lyapunov": ("V never rises", ""),  # by a share of V
-}
 
 
 def run_scenario(
@@ -175,7 +169,7 @@ def _conclude(
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     page = output()
     page.print(links_table(rows, "all are in verdict.json"))
-    page.print(_table(judged))
+    page.print(_table(judged, recording.scenario))
     _summarise(page, recording, judged)
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
@@ -195,8 +189,9 @@ def _conclude(
     return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
 
 
-def _table(judged: dict[str, Any]) -> Table:
-    table = Table(title=f"{judged['scenario']}: {escape(judged['why'])}", title_justify="left",
+def _table(judged: dict[str, Any], scenario: Scenario) -> Table:
+    why = f": {escape(judged['why'])}" if of_the_paper(scenario) else ""
+    table = Table(title=f"{judged['scenario']}{why}", title_justify="left",
                   box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption_justify="left")  # fmt: skip
     if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
         table.caption = "of V: the largest rise of the whole run, by its share of V"
@@ -204,11 +199,12 @@ def _table(judged: dict[str, Any]) -> Table:
         table.add_column(column, justify="left" if column == "claim" else "right", no_wrap=True)
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
     words = {True: "yes", False: "no", None: "-"}
-    for claim, entry in judged["claims"].items():
-        title, unit = CLAIM_TITLES[claim]
+    titles = claim_words.titles(scenario)
+    for claim, entry in claim_words.told(judged).items():
+        unit = claim_words.UNITS[claim]
         largest = entry["largest_in_window"]
         table.add_row(
-            title,
+            titles[claim],
             words[entry["expected"]],
             words[entry["observed"]],
             "-" if largest is None else f"{largest:.2e} {unit}",
@@ -284,21 +280,21 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
     )
     console.print(f"sha256 of the trajectories: {judged['trajectory_sha256'][:16]}…")
     if outcome["kind"] in ("completed", "diverged"):
-        console.print(_in_a_word(judged))
+        console.print(_in_a_word(judged, claim_words.titles(recording.scenario)))
 
 
-def _in_a_word(judged: dict[str, Any]) -> str:
+def _in_a_word(judged: dict[str, Any], titles: dict[str, str]) -> str:
     claims = verdict.claimed(judged)
     if not claims:
         trouble = "" if verdict.passed(judged) else ", but not all went well"
         return f"nothing was claimed{trouble}"
     if verdict.standing(judged) == verdict.HOLDS:
         return "[green]every claim holds[/]"
-    titles = {
-        word: [CLAIM_TITLES[name][0] for name, holds in claims.items() if holds is value]
+    found = {
+        word: [titles[name] for name, holds in claims.items() if holds is value]
         for word, value in ((verdict.FAILS, False), (verdict.NOT_JUDGED, None))
     }
-    return "; ".join(f"[red]{word}:[/] {', '.join(some)}" for word, some in titles.items() if some)
+    return "; ".join(f"[red]{word}:[/] {', '.join(some)}" for word, some in found.items() if some)
 
 
 def times(factor: float) -> str:

@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from formation.geometry import errors, fitted_rotation, rotated
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formation.scenario import Scenario
+from formation.theory import CLAIMS
 from lab import presence
 from lab.canvas import SCREEN_COLOURS, bowed, bows, colours
+from lab.claim_words import UNITS
 from lab.layout import blueprint, half_width, scale_bar
 from lab.telling import told
 from netem.link import DELIVERED, DUPLICATED
@@ -145,8 +147,8 @@ class Scene:
         stream.log("field/scale", rr.LineStrips2D(
             [bar], radii=[0.003 * size], colors=[_GREY], labels=[f"{length:g} m"], show_labels=True,
         ), static=True)  # fmt: skip
-        for (name, unit), colour in zip(_ERRORS.items(), _rgba(len(_ERRORS)), strict=True):
-            _label(stream, f"errors/{name}", f"log10 {name} ({unit})", int(colour))
+        for name, colour in zip(CLAIMS, _rgba(len(CLAIMS)), strict=True):
+            _label(stream, f"errors/{name}", f"log10 {name} ({UNITS[name]})", int(colour))
         _label(stream, "lyapunov/v", "log10 V")
 
     def _times(self, t_ns: Array) -> list[rr.TimeColumn]:
@@ -212,7 +214,7 @@ class Scene:
                 found[rows] = np.stack(errors(here, headings[rows][:, who], its), axis=-1)
                 turned = rotated(offsets - its.mean(axis=0), fitted_rotation(here, its))
                 pattern[rows] = turned + here.mean(axis=1, keepdims=True)
-        for name, column in zip(_ERRORS, found.T, strict=True):
+        for name, column in zip(CLAIMS, found.T, strict=True):
             known = np.isfinite(column)
             if known.any():
                 logs = np.log10(np.maximum(column[known], _FLOOR))
@@ -275,7 +277,6 @@ class Scene:
                                         level=_LEVELS.get(kind, "INFO")))  # fmt: skip
 
 
-_ERRORS = {"formation": "m", "heading": "rad", "centroid": "m"}
 _LEVELS = {
     "kill": "WARN", "pause": "WARN", "waiting": "WARN", "rejected": "WARN", "refused": "WARN",
     "lost": "ERROR", "host lost": "ERROR", "diverged": "ERROR", "failed": "ERROR",
