@@ -50,7 +50,7 @@ def told(judged: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claims of a verdict that there is something to say of: V only if known or claimed."""
     return {
         name: claim for name, claim in judged["claims"].items()
-        if name != "lyapunov" or claim["expected"] is not None or judged["lyapunov"] is not None
+        if name != "lyapunov" or claim["expected"] is not None or judged.get("lyapunov") is not None
     }  # fmt: skip
 
 

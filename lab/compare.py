@@ -75,12 +75,13 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
     names = _names([run.folder for run in found])
     verdicts = [run.verdict or {} for run in found]
     scenarios = [run.scenario for run in found]
+    said = [claim_words.told(v) for v in verdicts]
     titles, units = claim_words.titles(*scenarios), claim_words.UNITS
     results = [
         ("verdict", [standing(v) for v in verdicts]),
         ("outcome", [v["outcome"]["kind"] for v in verdicts]),
         *((title, [_claim(units[claim], v["claims"].get(claim)) for v in verdicts])
-          for claim, title in titles.items()),
+          for claim, title in titles.items() if any(claim in told for told in said)),
         ("settled after", [settled(v) for v in verdicts]),
         *((f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
           for claim, label in claim_words.labels(*scenarios).items()),
@@ -172,7 +173,7 @@ def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
     holds = {True: "holds", False: "FAILS", None: unjudged}[claim["holds"]]
     holds += " (claimed: false)" if claim["expected"] is False else ""
     largest = claim["largest_in_window"]
-    return holds if largest is None else f"{holds}, {largest:.1e} {unit}"
+    return holds if largest is None else f"{holds}, {largest:.1e} {unit}".strip()
 
 
 def _lost(judged: Mapping[str, Any]) -> str:

@@ -123,9 +123,8 @@ def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -
         axes.annotate(str(robot), offsets[i], color="black" if is_down else "white", ha="center",
                       va="center", fontsize=min(10.0, 0.5 * size_pt), zorder=3)  # fmt: skip
         if damping > 0.0:
-            others = np.concatenate([np.delete(offsets, i, axis=0), lines.reshape(-1, 2)])
-            room_pt = (1.7 if falls else 1.0) * size_pt
-            _beside(axes, offsets[i], others, f"μ = {damping:g}", room_pt, points_per_m)
+            room_pt = (1.4 if falls else 1.0) * size_pt
+            _beside(axes, i, offsets, lines, f"μ = {damping:g}", size_pt, room_pt, points_per_m)
         if falls:
             if is_down:
                 down.append(falls[-1])
@@ -166,18 +165,28 @@ def _size_pt(offsets: NDArray[np.float64], points_per_m: float) -> float:
 
 
 def _beside(
-    axes: Axes, place: NDArray[np.float64], others: NDArray[np.float64], text: str,
-    size_pt: float, points_per_m: float,
+    axes: Axes, i: int, offsets: NDArray[np.float64], lines: NDArray[np.float64], text: str,
+    size_pt: float, room_pt: float, points_per_m: float,
 ) -> None:  # fmt: skip
-    """Write beside a robot, in that of eight directions where ``others`` (n, 2) are farthest."""
+    """Write beside robot ``i``, which takes ``room_pt``, where there is most room.
+
+    Of eight directions that in which the letters' box is farthest from other robots and, where
+    these are far, from edges.
+    """
+    half_pt = np.array([2.4 * len(text), 4.0])
     angles = np.arange(8) * np.pi / 4.0
-    aside_pt = np.stack([
-        (0.5 * size_pt + 17.0) * np.cos(angles), (0.5 * size_pt + 8.0) * np.sin(angles),
-    ], axis=1)  # fmt: skip
-    gaps = place + aside_pt / points_per_m - others[:, None]
-    gaps = np.linalg.norm(gaps * [0.5, 1.0], axis=-1)  # letters are wide
-    best = int(np.argmax(gaps.min(axis=0)))
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    aside_pt = ways * (0.5 * room_pt + half_pt + np.array([3.0, 7.0]))
+
+    def least_pt(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How near the box comes to points (n, 2), in each direction."""
+        gaps = np.abs(aside_pt - (points - offsets[i])[:, None] * points_per_m) - half_pt
+        found: NDArray[np.float64] = np.linalg.norm(np.maximum(gaps, 0.0), axis=-1)
+        return found.min(axis=0, initial=np.inf)  # type: ignore[no-any-return]
+
+    robots_pt = least_pt(np.delete(offsets, i, axis=0)) - 0.5 * size_pt
+    best = int(np.argmax(np.minimum(robots_pt, 6.0 + least_pt(lines.reshape(-1, 2)))))
     right_pt, up_pt = aside_pt[best]
-    axes.annotate(text, (place[0], place[1]), xytext=(right_pt, up_pt),
+    axes.annotate(text, (offsets[i, 0], offsets[i, 1]), xytext=(right_pt, up_pt),
                   textcoords="offset points", ha="center", va="center", fontsize=8,
                   zorder=3)  # fmt: skip
