@@ -217,6 +217,10 @@ def test_a_dead_robot_is_dotted_above_marked_where_it_fell_and_not_below():
     t_s, angle = dotted.get_xydata().T
     drawn = t_s[~np.isnan(angle)]
     assert (drawn.min(), drawn.max()) == (1.0, 1.49)
+    solid = [line for line in upper.lines if line.get_linestyle() == "-"]
+    assert len(solid) == 6
+    t_s, angle = solid[2].get_xydata().T
+    assert not ((t_s[~np.isnan(angle)] >= 1.0) & (t_s[~np.isnan(angle)] < 1.5)).any()
     below = [line.get_xydata() for line in lower.lines if len(line.get_xydata()) > 2]
     assert len(below) == 6
     for k, line in enumerate(below):
