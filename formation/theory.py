@@ -15,6 +15,10 @@ CLAIMS = ("formation", "heading", "centroid")
 """Eqs. 3, 4 and 5, by the names they have in ``[expect]``."""
 
 
+LAWS = ("cooperative", "leader_follower")
+"""The laws that the paper speaks of: that of its theorems, and the one Remark 9 holds beside it."""
+
+
 class Assessment(NamedTuple):
     """The theory's view of one scenario.
 
@@ -33,8 +37,17 @@ class Assessment(NamedTuple):
     warnings: list[str]
 
 
+def of_the_paper(scenario: Scenario) -> bool:
+    """Whether the paper speaks of the scenario's law (see LAWS)."""
+    return scenario.law.kind in LAWS
+
+
 def assess(scenario: Scenario) -> Assessment:
-    """Classify a valid scenario and name every assumption it breaks."""
+    """Classify a valid scenario and name every assumption it breaks.
+
+    Of a law that the paper does not speak of, no theorem is expected: the only warnings are that
+    robots do not hear of each other.
+    """
     matrix = laplacian(scenario.ids, scenario.formation.weights)
     damping = [scenario.vehicles[robot].damping for robot in scenario.ids]
     connectivity = algebraic_connectivity(matrix)
@@ -53,6 +66,10 @@ def assess(scenario: Scenario) -> Assessment:
     )
     # To see what holds on an imperfect network, with failures, is what a run is for: no warning.
     beyond = bool(broken or gaps)
+    if not of_the_paper(scenario):
+        return Assessment(
+            connectivity, smallest, margin, theorem, why, claims, _out_of_touch(scenario, apart)
+        )
     warnings = [
         *broken,
         *_expectation_warnings(scenario, theorem, claims, gaps, apart, beyond=beyond),
@@ -68,13 +85,32 @@ def assess(scenario: Scenario) -> Assessment:
 
 def _broken_assumptions(scenario: Scenario) -> list[str]:
     broken = []
-    groups = components(scenario.ids, scenario.formation.edges)
-    if len(groups) > 1:
-        broken.append(f"Assumption 1 (connected graph): the graph falls into {_in_braces(groups)}")
+    if (groups := _parts(scenario)) is not None:
+        broken.append(f"Assumption 1 (connected graph): the graph falls into {groups}")
     w1 = scenario.law.w1
     if w1.bias == 0.0 and (w1.amplitude == 0.0 or w1.frequency_radps == 0.0):
         broken.append("Assumption 2 (persistent excitation): w1 is zero at all times")
     return broken
+
+
+def _parts(scenario: Scenario) -> str | None:
+    """What the graph falls into; None if it is connected."""
+    groups = components(scenario.ids, scenario.formation.edges)
+    return _in_braces(groups) if len(groups) > 1 else None
+
+
+def _out_of_touch(scenario: Scenario, apart: list[str]) -> list[str]:
+    """That robots do not hear of each other, from the start or, if anything is claimed, later."""
+    groups = _parts(scenario)
+    found = [] if groups is None else [f"formation.edges: the graph falls into {groups}"]
+    return found + _not_coming_about(scenario, apart)
+
+
+def _not_coming_about(scenario: Scenario, apart: list[str]) -> list[str]:
+    expect = scenario.expect
+    if expect is None or not any(getattr(expect, claim) for claim in CLAIMS):
+        return []
+    return [f"[expect] claims what may not come about: {since}" for since in apart]
 
 
 def _uncovered(scenario: Scenario) -> list[str]:
@@ -227,8 +263,7 @@ def _expectation_warnings(
             "expect.centroid = true, but no robot has positive damping (Theorem 2 asks for Σμ > 0)"
         )
     stated = {claim: getattr(expect, claim) for claim in CLAIMS}
-    if any(stated.values()):
-        warnings += [f"[expect] claims what may not come about: {since}" for since in apart]
+    warnings += _not_coming_about(scenario, apart)
     if beyond and any(stated.values()):
         warnings.append(
             "[expect] claims what no theorem covers" + (f": {'; '.join(gaps)}" if gaps else "")

@@ -7,7 +7,7 @@ from rich.markup import escape
 
 from formation.loading import ScenarioError
 from formation.scenario import Scenario
-from formation.theory import Assessment, assess
+from formation.theory import assess, of_the_paper
 from lab.exits import ALL_HOLD, BAD_INPUT
 from lab.run import load_checked, report_problems, warn
 
@@ -20,10 +20,9 @@ def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
     except ScenarioError as error:
         report_problems(troubles, error)
         return BAD_INPUT
-    assessment = assess(scenario)
     console = Console(highlight=False)
     console.print(f"{escape(str(path))}: valid", soft_wrap=True)
-    for line in [*describe(assessment), *describe_plan(scenario)]:
+    for line in [*describe(scenario), *describe_plan(scenario)]:
         console.print(escape(line), soft_wrap=True)
     warn(console, warnings)
     return ALL_HOLD
@@ -42,13 +41,19 @@ def describe_plan(scenario: Scenario) -> list[str]:
     return lines
 
 
-def describe(assessment: Assessment) -> list[str]:
-    """The assessment in lines for people."""
+def describe(scenario: Scenario) -> list[str]:
+    """The graph in lines for people and, of a law that the paper speaks of, what theory says."""
+    assessment = assess(scenario)
     margin = assessment.cross_term_margin
     relation = ">" if margin > 0.25 else "not >"
-    return [
+    graph = [
         f"  algebraic connectivity λ₂(L)  {assessment.algebraic_connectivity:.4g}",
         f"  λ_min(L + diag μ)             {assessment.smallest_eigenvalue:.4g}",
+    ]
+    if not of_the_paper(scenario):
+        return graph
+    return [
+        *graph,
         f"  β λ_min > 1/4                 {margin:.4g} {relation} 0.25",
         f"  {assessment.why}",
         "  the theory claims: "

@@ -8,24 +8,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from formation.loading import ScenarioError
 from formation.scenario import Expect
-from lab import files
-from lab.canvas import COLOURS, blank, save
+from lab import claim_words, files
+from lab.canvas import COLOURS, blank, colours, dashes, save
 from lab.difference import first_difference
 from lab.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from lab.exits import of as code_of
 from lab.folders import fresh_folder
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_whole
-from lab.run import CLAIM_TITLES, report_problems
+from lab.run import report_problems
+from lab.side_by_side import MOST_COLUMNS, Rows, renderables, turned
 from lab.tables import output
-from lab.verdict import by_claim, error_series, standing, tolerances_of
+from lab.verdict import by_claim, error_series, settled, standing, tolerances_of
 
 MOST_RUNS = 2 * len(COLOURS)
 """How many runs can be told apart in the figure: by colour, and by dashes."""
@@ -65,8 +64,10 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
+    page = output()
     for title, rows in _parts(compared):
-        output().print(_table(title, compared.names, rows))
+        for item in renderables(title, compared.names, rows, page.width, _coloured):
+            page.print(item)
     if out is not None:
         console.print(f"everything is in {escape(str(out))}", soft_wrap=True)
     return ONE_FAILS if compared.differs else ALL_HOLD
@@ -76,15 +77,17 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
     """What tells whole runs apart."""
     names = _names([run.folder for run in found])
     verdicts = [run.verdict or {} for run in found]
+    scenarios = [run.scenario for run in found]
+    said = [claim_words.told(v) for v in verdicts]
+    titles, units = claim_words.titles(*scenarios), claim_words.UNITS
     results = [
         ("verdict", [standing(v) for v in verdicts]),
         ("outcome", [v["outcome"]["kind"] for v in verdicts]),
-        *((title, [_claim(unit, v["claims"].get(claim)) for v in verdicts])
-          for claim, (title, unit) in CLAIM_TITLES.items()),
-        ("settled (s)", [_number(v["settling_time_s"], ".2f") for v in verdicts]),
-        ("error at the end, Eq. 3 (m)", [_number(v["formation_error_m"]) for v in verdicts]),
-        ("error at the end, Eq. 4 (rad)", [_number(v["heading_error_rad"]) for v in verdicts]),
-        ("error at the end, Eq. 5 (m)", [_number(v["centroid_error_m"]) for v in verdicts]),
+        *((title, [_claim(units[claim], v["claims"].get(claim)) for v in verdicts])
+          for claim, title in titles.items() if any(claim in told for told in said)),
+        ("settled after", [settled(v) for v in verdicts]),
+        *((f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
+          for claim, label in claim_words.labels(*scenarios).items()),
         ("messages lost", [_lost(v) for v in verdicts]),
         ("robots lost unplanned", [str(len(v["robots"]["lost"])) for v in verdicts]),
         ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
@@ -99,28 +102,27 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
 
 
 def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
-    """The errors of Eqs. 3-5 of all runs over each other, each equation in a panel.
+    """The errors of all runs over each other, each in a panel.
 
     Each run's are those of the robots that were up at its end, as in its verdict.
     """
     drawn = blank(9.0, 8.8 + 0.22 * -(-len(names) // 3))
     panels = drawn.subplots(3, 1, sharex=True)
-    for number, (run, name) in enumerate(zip(found, names, strict=True)):
+    labels, count = claim_words.labels(*(run.scenario for run in found)), len(found)
+    looks = zip(colours(count), dashes(count), strict=True)
+    for number, (run, name, (colour, dash)) in enumerate(zip(found, names, looks, strict=True)):
         trajectories = run.trajectories
         if not len(trajectories.t_s):
             continue
         up = run.up_at(int(trajectories.t_ns[-1]))
         series = by_claim(error_series(run.scenario, trajectories, up))
         tolerances = tolerances_of(run.scenario.expect or Expect())
-        colour = COLOURS[number % len(COLOURS)]
-        dashes = "-" if number < len(COLOURS) else "--"
-        width = 1.2 + 1.8 * (1 - (number + 1) / len(found))  # what is the same still shows
+        width = 1.2 + 1.8 * (1 - (number + 1) / count)  # what is the same still shows
         for axes, (claim, errors) in zip(panels, series.items(), strict=True):
-            axes.semilogy(trajectories.t_s, np.maximum(errors, 1e-16), color=colour, ls=dashes,
+            axes.semilogy(trajectories.t_s, np.maximum(errors, 1e-16), color=colour, ls=dash,
                           lw=width, label=name)  # fmt: skip
             axes.axhline(tolerances[claim], color="0.45", ls=":", lw=1.0)
-            title, unit = CLAIM_TITLES[claim]
-            axes.set_ylabel(f"{title} ({unit})")
+            axes.set_ylabel(labels[claim])
     panels[-1].set_xlabel("t (s)    (dotted: tolerances)")
     panels[-1].set_xlim(left=0.0)
     handles, labels = panels[0].get_legend_handles_labels()
@@ -174,7 +176,7 @@ def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
     holds = {True: "holds", False: "FAILS", None: unjudged}[claim["holds"]]
     holds += " (claimed: false)" if claim["expected"] is False else ""
     largest = claim["largest_in_window"]
-    return holds if largest is None else f"{holds}, {largest:.1e} {unit}"
+    return holds if largest is None else f"{holds}, {largest:.1e} {unit}".strip()
 
 
 def _lost(judged: Mapping[str, Any]) -> str:
@@ -187,23 +189,10 @@ def _number(value: float | None, form: str = ".2e") -> str:
     return "–" if value is None else format(value, form)
 
 
-def _parts(compared: Comparison) -> Iterator[tuple[str, list[tuple[str, list[str]]]]]:
+def _parts(compared: Comparison) -> Iterator[tuple[str, Rows]]:
     yield "results", compared.results
-    yield (
-        "what differs in the scenarios",
-        compared.scenario or [("(nothing)", [""] * len(compared.names))],
-    )
-
-
-def _table(title: str, names: Sequence[str], rows: Sequence[tuple[str, list[str]]]) -> Table:
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
-    table.add_column("", no_wrap=True)
-    for name in names:
-        head = name if len(names) <= 3 else name.replace("-", "-\n")
-        table.add_column(escape(head), overflow="fold")
-    for place, cells in rows:
-        table.add_row(escape(place), *(_coloured(cell) for cell in cells))
-    return table
+    nothing = [("(nothing)", [""] * len(compared.names))]
+    yield "what differs in the scenarios", compared.scenario or nothing
 
 
 def _coloured(cell: str) -> str:
@@ -217,10 +206,17 @@ def _write(folder: Path, compared: Comparison, drawn: Figure) -> None:
     """The tables as Markdown and CSV, and the figure."""
     lines = []
     for title, rows in _parts(compared):
-        lines += [f"## {title.capitalize()}", "", _markdown(["", *compared.names]),
-                  "|---" * (len(compared.names) + 1) + "|",
-                  *(_markdown([place, *cells]) for place, cells in rows), ""]  # fmt: skip
-    lines.append("![Errors of Eqs. 3-5](errors.png)")
+        lines += [f"## {title.capitalize()}", ""]
+        if len(compared.names) <= MOST_COLUMNS:
+            lines += _markdown([["", *compared.names], *([place, *cells] for place, cells in rows)])
+            continue
+        grid, alike = turned(compared.names, rows)
+        if len(grid[0]) > 1:
+            lines += _markdown(grid)
+        if alike:
+            same = [[place, cell] for place, cell in alike]
+            lines += ["The same in all:", "", *_markdown([["", ""], *same])]
+    lines.append("![The errors of all runs](errors.png)")
     files.replace(folder / "comparison.md", "\n".join(lines) + "\n")
     text = io.StringIO(newline="")
     table = csv.writer(text)
@@ -230,5 +226,10 @@ def _write(folder: Path, compared: Comparison, drawn: Figure) -> None:
     save(drawn, folder, "errors")
 
 
-def _markdown(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+def _markdown(grid: Sequence[Sequence[str]]) -> list[str]:
+    """A table, its first row the head, and an empty line."""
+    lines = [
+        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) + " |"
+        for row in grid
+    ]
+    return [lines[0], "|---" * len(grid[0]) + "|", *lines[1:], ""]

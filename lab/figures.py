@@ -1,15 +1,28 @@
-"""Figures of a run: paths (Figs. 2, 4, 6 of the paper), headings (Figs. 5, 7), errors, graph."""
+"""Figures of a run: draws all, and has the paths (Figs. 2, 4, 6 of the paper), errors and V."""
 
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from formation.scenario import Expect, Scenario
-from lab import link_figures
-from lab.canvas import COLOURS, around, blank, bowed, bows
+from lab import claim_words, link_figures
+from lab.canvas import (
+    COLOURS,
+    HALF_IN,
+    MOST_NAMED,
+    blank,
+    colours,
+    curves,
+    dashes,
+    line_or_point,
+    save,
+)
+from lab.graph_figure import graph
+from lab.heading_figure import headings
 from lab.lyapunov import Curve, equation, rises
 from lab.lyapunov import curve as lyapunov_curve
 from lab.recording import Collected, Trajectories
@@ -18,35 +31,25 @@ from plant.world import RUNAWAY
 
 MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
-HALF_IN = (6.4, 4.6)
-"""The size (inches) of what stands beside another in the report."""
-MOST_NAMED = 20
-"""How many robots a legend names."""
-_LABELS = {
-    "formation": "formation, Eq. 3 (m)", "heading": "heading, Eq. 4 (rad)",
-    "centroid": "centroid, Eq. 5 (m)",
-}  # fmt: skip
 
 
 def draw(recording: Collected, folder: Path) -> None:
-    """Write every figure as PNG and SVG into ``folder``, and ``thumbnail.png``."""
+    """Write every figure as PNG and SVG into ``folder``, and ``thumbnail.png``; raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario, trajectories = recording.scenario, recording.trajectories
-    figures = {"graph": graph(scenario)} | link_figures.of(recording)
+    figures = {"graph": graph(recording)} | link_figures.of(recording)
     if len(trajectories.t_s):
         figures |= {
             "paths": paths(recording),
-            "headings": headings(scenario, trajectories),
+            "headings": headings(recording, before_runaway(trajectories)),
             "errors": errors(recording),
         }
         found = lyapunov_curve(recording)
         if found is not None:
             figures["lyapunov"] = lyapunov(recording, found)
-        thumbnail(scenario, trajectories).savefig(folder / "thumbnail.png", dpi=100)
+        save(thumbnail(scenario, trajectories), folder, "thumbnail", kinds=("png",), dpi=100)
     for name, figure in figures.items():
-        for kind in ("png", "svg"):
-            figure.savefig(folder / f"{name}.{kind}", dpi=130)
-            figure.set_layout_engine("none")  # it is laid out now, which takes as long as drawing
+        save(figure, folder, name)
 
 
 def before_runaway(trajectories: Trajectories) -> Trajectories:
@@ -57,30 +60,40 @@ def before_runaway(trajectories: Trajectories) -> Trajectories:
 
 
 def paths(recording: Collected) -> Figure:
-    """The whole paths, and where the robots end beside the desired pattern."""
+    """The whole paths, and where the robots end beside the desired pattern.
+
+    The pattern is its places and the edges of the communication graph between them; so are the
+    final positions of the robots that are up.
+    """
     scenario, whole_run = recording.scenario, recording.trajectories
     trajectories = before_runaway(whole_run)
     up = recording.up_at(int(trajectories.t_ns[-1]))
     figure = blank(11.0, 5.2)
     whole, end = figure.subplots(1, 2)
     positions, offsets = trajectories.positions_m, scenario.offsets_m
-    for i, robot in enumerate(scenario.ids):
-        colour = COLOURS[i % len(COLOURS)]
+    count = len(scenario.ids)
+    own = colours(count)
+    for i, (robot, colour, dash) in enumerate(zip(scenario.ids, own, dashes(count), strict=True)):
         xy = positions[:, i]
-        whole.plot(xy[:, 0], xy[:, 1], color=colour, lw=1.0, label=f"robot {robot}")
+        whole.plot(xy[:, 0], xy[:, 1], color=colour, ls=dash, lw=1.0, label=f"robot {robot}")
         whole.plot(*xy[0], "o", color=colour, mfc="white", ms=6)
         whole.plot(*xy[-1], "o", color=colour, ms=5)
     whole.set_title(f"paths  (○ start, ● end){_left_out(trajectories, whole_run)}")
-    if len(scenario.ids) <= MOST_NAMED:
+    if count <= len(COLOURS):
         whole.legend(loc="best", fontsize=8)
-    order = around(offsets)
-    _polygon(end, offsets[order], 6.0, "0.82", "desired pattern")
+    elif count <= MOST_NAMED:  # there is no room for it among the paths
+        handles, labels = whole.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside left center", fontsize=8, handlelength=3.0)
+    column = {robot: k for k, robot in enumerate(scenario.ids)}
+    edges = [(column[a], column[b]) for a, b in scenario.formation.edges]
+    broad = 6.0 if len(edges) <= 2 * count and count <= MOST_NAMED else 3.0  # few, or a tangle
+    _pattern(end, offsets, edges, broad, "0.82", "desired pattern")
+    end.plot(offsets[:, 0], offsets[:, 1], "o", color="0.82", ms=13, zorder=0)
     final = positions[-1]
-    here = [i for i in order if scenario.ids[i] in up]
-    _polygon(end, final[here], 1.2, "0.15", "final positions")
-    for i, robot in enumerate(scenario.ids):
+    both_up = [(i, j) for i, j in edges if scenario.ids[i] in up and scenario.ids[j] in up]
+    _pattern(end, final, both_up, 1.2, "0.15", "final positions")
+    for i, (robot, colour) in enumerate(zip(scenario.ids, own, strict=True)):
         heading = trajectories.headings_rad[-1, i]
-        colour = COLOURS[i % len(COLOURS)]
         down = "" if robot in up else " (down)"
         end.plot(*final[i], "X" if down else "o", color=colour, ms=7)
         end.annotate(f"{robot}{down}", final[i], xytext=(6, 6), textcoords="offset points")
@@ -88,12 +101,23 @@ def paths(recording: Collected) -> Figure:
                    width=0.006, scale=14)  # fmt: skip
     end.margins(0.18)
     end.set_title(f"t = {trajectories.t_s[-1]:g} s")
-    end.legend(loc="best", fontsize=8)
+    if edges:
+        end.legend(loc="best", fontsize=8)
     for axes in (whole, end):
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
     return figure
+
+
+def _pattern(
+    axes: Axes, points: NDArray[np.float64], edges: list[tuple[int, int]], width: float,
+    colour: str, label: str,
+) -> None:  # fmt: skip
+    """The graph's edges between points (n, 2)."""
+    lines = list(curves(points, edges))
+    axes.add_collection(LineCollection(lines, linewidths=width, colors=colour, label=label,
+                                       zorder=0))  # fmt: skip
 
 
 def _left_out(shown: Trajectories, whole_run: Trajectories) -> str:
@@ -108,8 +132,8 @@ def thumbnail(scenario: Scenario, whole_run: Trajectories) -> Figure:
     trajectories = before_runaway(whole_run)
     figure = blank(2.2, 2.0)
     axes = figure.subplots()
-    for i in range(len(scenario.ids)):
-        xy, colour = trajectories.positions_m[:, i], COLOURS[i % len(COLOURS)]
+    for i, colour in enumerate(colours(len(scenario.ids))):
+        xy = trajectories.positions_m[:, i]
         axes.plot(xy[:, 0], xy[:, 1], color=colour, lw=1.0)
         axes.plot(*xy[-1], "o", color=colour, ms=4)
     axes.set_aspect("equal", adjustable="datalim")
@@ -117,30 +141,8 @@ def thumbnail(scenario: Scenario, whole_run: Trajectories) -> Figure:
     return figure
 
 
-def headings(scenario: Scenario, whole_run: Trajectories) -> Figure:
-    """Headings over time, and their gap to the first robot's, where agreement shows."""
-    trajectories = before_runaway(whole_run)
-    mark = _mark_of(trajectories.t_s)
-    figure = blank(*HALF_IN)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    reference = trajectories.headings_rad[:, 0]
-    for i, robot in enumerate(scenario.ids):
-        colour = COLOURS[i % len(COLOURS)]
-        heading = trajectories.headings_rad[:, i]
-        upper.plot(trajectories.t_s, heading, mark, color=colour, lw=1.2, label=f"robot {robot}")
-        lower.plot(trajectories.t_s, heading - reference, mark, color=colour, lw=1.2)
-    if left_out := _left_out(trajectories, whole_run):
-        upper.set_title(left_out.strip(), fontsize=9)
-    upper.set_ylabel("heading θ (rad)")
-    lower.set_ylabel(f"θ − θ of robot {scenario.ids[0]} (rad)")
-    lower.set_xlabel("t (s)")
-    if len(scenario.ids) <= MOST_NAMED:
-        upper.legend(loc="best", fontsize=8, ncols=2)
-    return figure
-
-
 def errors(recording: Collected) -> Figure:
-    """The errors of Eqs. 3-5 on a log axis, with tolerances and the stretch that is judged.
+    """The three errors on a log axis, with tolerances and the stretch that is judged.
 
     Those of the robots that are up at the end, as in the verdict.
     """
@@ -149,12 +151,13 @@ def errors(recording: Collected) -> Figure:
     figure = blank(9.0, 4.6)
     axes = figure.subplots()
     tolerances = tolerances_of(scenario.expect or Expect())
-    mark = _mark_of(trajectories.t_s)
+    mark = line_or_point(trajectories.t_s)
+    labels = claim_words.labels(scenario)
     for (claim, series), colour in zip(
         by_claim(error_series(scenario, trajectories, judged)).items(), COLOURS, strict=False
     ):
         axes.semilogy(
-            trajectories.t_s, np.maximum(series, 1e-16), mark, color=colour, label=_LABELS[claim]
+            trajectories.t_s, np.maximum(series, 1e-16), mark, color=colour, label=labels[claim]
         )
         axes.axhline(tolerances[claim], color=colour, ls=":", lw=1.0)
     end = trajectories.t_s[-1]
@@ -222,49 +225,3 @@ def _mark_plan(axes: Axes, scenario: Scenario, end_s: float) -> None:
 
 def _shortened(line: str, longest: int) -> str:
     return line if len(line) <= longest else line[: longest - 1] + "…"
-
-
-def graph(scenario: Scenario) -> Figure:
-    """The communication graph, robots at their places in the pattern; damped robots marked."""
-    figure = blank(5.2, 5.2)
-    axes = figure.subplots()
-    weights = scenario.formation.weights
-    column = {robot: k for k, robot in enumerate(scenario.ids)}
-    edges = [(column[a], column[b]) for a, b in weights]
-    alike = len(set(weights.values())) <= 1
-    for edge, bow, weight in zip(
-        edges, bows(scenario.offsets_m, edges), weights.values(), strict=True
-    ):
-        line = bowed(scenario.offsets_m[list(edge)], bow, np.linspace(0.0, 1.0, 41))
-        axes.plot(line[:, 0], line[:, 1], color="0.6", lw=1.5, zorder=1)
-        if not alike:
-            axes.annotate(f"{weight:g}", line[20], fontsize=8, color="0.35",
-                          ha="center", va="center",
-                          bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
-    for i, (robot, offset) in enumerate(zip(scenario.ids, scenario.offsets_m, strict=True)):
-        damping = scenario.vehicles[robot].damping
-        axes.plot(*offset, "o", ms=22, color=COLOURS[i % len(COLOURS)],
-                  mec="black" if damping > 0 else "none", mew=2.0, zorder=2)  # fmt: skip
-        axes.annotate(str(robot), offset, color="white", ha="center", va="center", zorder=3)
-        if damping > 0:
-            axes.annotate(f"μ = {damping:g}", offset, xytext=(0, -24), textcoords="offset points",
-                          ha="center", fontsize=8,
-                          bbox={"fc": "white", "ec": "none", "pad": 0.5})  # fmt: skip
-    axes.margins(0.2)
-    axes.set_aspect("equal", adjustable="datalim")
-    said = f"b = {next(iter(weights.values())):g}" if alike and weights else "b on the edges"
-    axes.set_title(f"communication graph, {said}")
-    axes.set_xlabel("p_x (m)")
-    axes.set_ylabel("p_y (m)")
-    return figure
-
-
-def _mark_of(t_s: NDArray[np.float64]) -> str:
-    """A line, or a point where there is but one instant."""
-    return "-" if len(t_s) > 1 else "o"
-
-
-def _polygon(
-    axes: Axes, points: NDArray[np.float64], width: float, colour: str, label: str
-) -> None:
-    axes.plot(points[:, 0], points[:, 1], color=colour, lw=width, label=label, zorder=0)

@@ -28,7 +28,7 @@ from mcap.writer import Writer
 
 from formation.record import LinkRow, Sample
 from lab import lyapunov
-from lab.canvas import COLOURS
+from lab.canvas import SCREEN_COLOURS, colours
 from lab.recorded import Recorded
 from lab.verdict import error_series
 from lab.verdict import versions as made_with
@@ -160,8 +160,9 @@ def _bodies(run: Recorded) -> dict[str, Any]:
     """A body, a nose and a number for every robot, each fixed to the robot's own frame."""
     size = max(0.02 * float(np.ptp(run.scenario.offsets_m, axis=0).max()), 0.1)
     entities = []
-    for number, robot in enumerate(run.scenario.ids):
-        colour = _colour(COLOURS[number % len(COLOURS)])
+    own = colours(len(run.scenario.ids), SCREEN_COLOURS)
+    for robot, code in zip(run.scenario.ids, own, strict=True):
+        colour = _colour(code)
         entities.append(_entity(f"robot_{robot}", f"robot_{robot}", 0) | {
             "frame_locked": True,
             "cylinders": [{

@@ -8,6 +8,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from formation.scenario import Scenario
+from lab import claim_words
 from lab.lyapunov import is_defined
 
 TRAIL_S = 15.0
@@ -41,7 +42,7 @@ def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) 
         ),
         overrides={"field/trails": rrb.VisibleTimeRanges(trail)},
     )  # fmt: skip
-    plots = [("errors", "errors (Eqs. 3-5), powers of ten", corner)]
+    plots = [("errors", f"{claim_words.errors(scenario)}, powers of ten", corner)]
     if is_defined(scenario):
         plots.append(("lyapunov", "V, powers of ten", corner))
     plots += [

@@ -23,6 +23,8 @@ MOST_LINKS = 24
 """How many links the delivery figure shows."""
 
 _BINS = 60
+_FOOT, _LOW, _HIGH = -0.4, -0.28, 0.4
+"""Heights in a band of links from -0.5 to 0.5: of what is lost, of no delay, of the longest."""
 _FATES = {
     "delivered": COLOURS[0], "duplicated": COLOURS[5], "corrupted": COLOURS[2],
     "lost: random": COLOURS[1], "lost: burst": COLOURS[3], "lost: cut": COLOURS[6],
@@ -154,7 +156,9 @@ def deliveries(
 ) -> Figure:
     """Every message of every link at the time of its sending: its delay, or how it was lost.
 
-    Each link has a band, in which height is delay; the grey stretches are cuts.
+    Each link has a band, in which height is delay; the grey stretches are cuts. A delay that is
+    always the same is drawn in the middle of its band and named beside it. What is lost is at the
+    foot of the band.
     """
     shown = list(by_link.items())[:MOST_LINKS]
     highest_ms = max(
@@ -164,29 +168,43 @@ def deliveries(
     figure = blank(11.0, 1.3 + 0.5 * len(shown))
     axes = figure.subplots()
     points: dict[str, list[tuple[float, float]]] = {}
+    constant: dict[int, str] = {}
     for band, (link, rows) in enumerate(shown):
+        different = {row.t_usable_ns - row.t_sent_ns for row in rows if row.t_usable_ns is not None}
+        if len(different) == 1:
+            constant[band] = f"{different.pop() / 1e6:.3g} ms"
         for row in rows:
-            height = 0.0
-            if row.t_usable_ns is not None:
-                height = 0.12 + 0.7 * (row.t_usable_ns - row.t_sent_ns) / 1e6 / highest_ms
+            height = _FOOT
+            if row.t_usable_ns is not None and band in constant:
+                height = 0.0
+            elif row.t_usable_ns is not None:
+                share = (row.t_usable_ns - row.t_sent_ns) / 1e6 / highest_ms
+                height = _LOW + (_HIGH - _LOW) * share
             points.setdefault(row.fate, []).append((row.t_sent_ns / 1e9, height - band))
         for stretch in stretches(scenario, *link):
             if stretch.is_cut and stretch.begin_ns / 1e9 < end_s:
                 begin_s = stretch.begin_ns / 1e9
                 length_s = min(stretch.end_ns / 1e9, end_s) - begin_s
-                axes.broken_barh([(begin_s, length_s)], (-band, 0.9), color="0.9", zorder=0)
-        axes.axhline(-band, color="0.75", lw=0.6, zorder=0)
+                axes.broken_barh([(begin_s, length_s)], (-band - 0.46, 0.92), color="0.9", zorder=0)
+        axes.axhline(-band - 0.5, color="0.75", lw=0.6, zorder=0)
     for fate, colour in _FATES.items():
         xy = np.array(points.get(fate, [])).reshape(-1, 2)
         if len(xy):
             marker, size = ("|", 5.0) if "lost" in fate else (".", 1.5)
             axes.plot(xy[:, 0], xy[:, 1], marker, color=colour, ms=size, mew=0.6, rasterized=True)
     axes.set_yticks([-band for band in range(len(shown))], [f"{a}→{b}" for (a, b), _ in shown])
-    axes.set_ylim(-len(shown) + 0.7, 1.0)
+    axes.set_ylim(-len(shown) + 0.5, 0.5)
+    if constant:
+        beside = axes.secondary_yaxis("right")
+        beside.set_yticks([-band for band in constant], list(constant.values()))
+        beside.tick_params(length=0, labelsize=8)
     axes.set_xlim(0.0, end_s)
     axes.set_xlabel("sent at t (s)")
     more = f"; the first {MOST_LINKS} of {len(by_link)} links" if len(by_link) > MOST_LINKS else ""
-    axes.set_title(f"height in a band: delay, up to {highest_ms:.3g} ms{more}", fontsize=9)
+    height_is = f"height in a band: delay, up to {highest_ms:.3g} ms"
+    if constant:
+        height_is += "; a constant delay: in the middle, with its value on the right"
+    axes.set_title(f"{height_is}{more}", fontsize=9)
     handles = [
         Line2D([], [], color=colour, marker="o", ms=4, ls="none", label=fate)
         for fate, colour in _FATES.items() if fate in points

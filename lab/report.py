@@ -4,9 +4,7 @@ Everything comes from the files of the run's folder; templates/ has how it looks
 stands in a scenario or an event is text from elsewhere and is escaped (Jinja's autoescape).
 """
 
-import base64
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,14 +14,15 @@ from rich.markup import escape
 
 from formation.loading import ScenarioError, dumps
 from formation.record import Event
-from formation.theory import assess
-from lab import files, runs, verdict
+from formation.theory import assess, of_the_paper
+from lab import claim_words, files, runs, verdict
 from lab.check import describe
 from lab.exits import ALL_HOLD, BAD_INPUT, in_words
 from lab.exits import of as code_of
 from lab.keypaths import by_path, shown
+from lab.pictures import pictures
 from lab.recorded import Recorded, Unreadable, read_run
-from lab.run import CLAIM_TITLES, report_problems
+from lab.run import report_problems
 from lab.telling import named, times, told
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
@@ -39,29 +38,6 @@ _ENDED = {
     "diverged": "diverged", "interrupted": "was interrupted", "lost": "ended", "failed": "failed",
     "broken": "broke",
 }  # fmt: skip
-_ERRORS = {
-    "formation": "formation_error_m", "heading": "heading_error_rad",
-    "centroid": "centroid_error_m",
-}  # fmt: skip
-
-FIGURES = {
-    "errors": "Errors of Eqs. 3–5",
-    "paths": "Paths and final pattern",
-    "deliveries": "Every message of every link",
-    "headings": "Headings",
-    "lyapunov": "V along the run",
-    "delays": "Delays against what was configured",
-    "graph": "Communication graph",
-}
-
-
-class Picture(NamedTuple):
-    """A figure in the page: a data URI, and words for who cannot see it."""
-
-    name: str
-    title: str
-    source: str
-    alt: str
 
 
 class Moment(NamedTuple):
@@ -153,17 +129,21 @@ def page(run: Recorded) -> str:
     moments = list(_moments(run))
     hidden = max(0, len(moments) - FIRST_EVENTS - LAST_EVENTS)
     cut = FIRST_EVENTS if hidden else len(moments)
-    pictures = list(_pictures(run))
+    drawn = list(pictures(run))
     return _environment().get_template("report.html.j2").render(
         run=run, scenario=scenario, judged=judged, standing=standing, is_bad=standing in runs.BAD,
-        headline=_headline(run, standing), notes=list(_notes(run)), titles=CLAIM_TITLES,
+        headline=_headline(run, standing), notes=list(_notes(run)),
+        titles=claim_words.titles(scenario), units=claim_words.UNITS,
+        settled=None if judged is None else verdict.settled(judged),
         began=run.walls[0] if run.walls else None, in_runs=_in_runs(run.folder),
-        sections=_sections(run, [item.name for item in pictures]), pictures=pictures,
+        sections=_sections(run, [item.name for item in drawn]), pictures=drawn,
         first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
         window_s=None if judged is None else _window_s(judged),
         lost_share=_lost_share(judged), most_links=MOST_LINKS,
         in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
-        theory=[line.strip() for line in describe(assess(scenario))],
+        of_the_paper=of_the_paper(scenario),
+        claims={} if judged is None else claim_words.told(judged),
+        theory=[line.strip() for line in describe(scenario)],
         changed=_changed(run), robots=_robots(run), toml=dumps(scenario), shown=shown,
         plan=scenario.plan[:FIRST_EVENTS], more_planned=max(0, len(scenario.plan) - FIRST_EVENTS),
     )  # fmt: skip
@@ -220,17 +200,17 @@ def _headline(run: Recorded, standing: str) -> str:
         if run.outcome is None:
             return "It was ended from outside: nothing says how, and nothing was judged."
         return f"It was not judged. {run.outcome.reason}".strip()
-    outcome = judged["outcome"]
+    outcome, titles = judged["outcome"], claim_words.titles(run.scenario)
     if standing == verdict.HOLDS:
-        held = [CLAIM_TITLES[name][0] for name, c in judged["claims"].items() if c["holds"]]
+        held = [titles[name] for name, c in judged["claims"].items() if c["holds"]]
         also = ", and it diverged as expected" if outcome["kind"] == "diverged" else ""
         return f"Every claim holds: {', '.join(held)}{also}."
     if standing in (verdict.FAILS, verdict.NOT_JUDGED):
-        said = "; ".join(_failing(judged))
-        return f"{said[0].upper()}{said[1:]}."
+        said = "; ".join(_failing(judged, titles))
+        return f"{claim_words.capital(said)}."
     if standing == verdict.OBSERVED:
-        seen = [CLAIM_TITLES[name][0] for name, c in judged["claims"].items() if c["observed"]]
-        return f"Nothing was claimed. Observed: {', '.join(seen) or 'none of the equations'}."
+        seen = [titles[name] for name, c in judged["claims"].items() if c["observed"]]
+        return f"Nothing was claimed. Observed: {', '.join(seen) or claim_words.NOTHING}."
     if standing == "lost" and outcome["kind"] == "completed":
         who = named([item["robot"] for item in judged["robots"]["lost"]])
         return f"Nothing was claimed, and not every robot lasted: it lost {who}."
@@ -239,11 +219,11 @@ def _headline(run: Recorded, standing: str) -> str:
     return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s{who}: {reason}."
 
 
-def _failing(judged: Mapping[str, Any]) -> Iterator[str]:
+def _failing(judged: Mapping[str, Any], titles: Mapping[str, str]) -> Iterator[str]:
     for name, claim in judged["claims"].items():
         if claim["expected"] is None or claim["holds"]:
             continue
-        title, unit = CLAIM_TITLES[name]
+        title, unit = titles[name], claim_words.UNITS[name]
         if claim["holds"] is None:
             yield f"{title} could not be judged"
         elif not claim["expected"]:
@@ -290,9 +270,9 @@ def _window_s(judged: Mapping[str, Any]) -> float:
 def _falling(judged: Mapping[str, Any]) -> bool:
     """Whether all errors that should have been small were well below their largest at the end."""
     failing = [
-        (judged[_ERRORS[name]], claim["largest_in_window"])
+        (judged[claim_words.ENDS[name]], claim["largest_in_window"])
         for name, claim in judged["claims"].items() if claim["expected"] and claim["holds"] is False
-        and name in _ERRORS
+        and name in claim_words.ENDS
     ]  # fmt: skip
     return bool(failing) and all(
         last is not None and largest is not None and last < 0.9 * largest
@@ -329,44 +309,6 @@ def _moment(event: Event) -> Moment:
     words = told(event.kind, event.details)
     words = words if len(words) <= _MOST_LETTERS else words[:_MOST_LETTERS] + "…"
     return Moment(event.t_ns / 1e9, event.kind, words, "bad" if bad else "")
-
-
-def _pictures(run: Recorded) -> Iterator[Picture]:
-    """Every figure there is, as PNG or SVG, whichever is smaller."""
-    for name, title in FIGURES.items():
-        found: list[tuple[bytes, str]] = []
-        for suffix, kind in (("png", "image/png"), ("svg", "image/svg+xml")):
-            with suppress(OSError):
-                found.append(((run.folder / "figures" / f"{name}.{suffix}").read_bytes(), kind))
-        if found:
-            data, kind = min(found, key=lambda item: len(item[0]))
-            source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
-            yield Picture(name, title, source, _in_words(name, run))
-
-
-def _in_words(name: str, run: Recorded) -> str:
-    """What a figure shows."""
-    judged, scenario = run.verdict, run.scenario
-    if name == "errors" and judged is not None:
-        ends = ", ".join(
-            f"{CLAIM_TITLES[claim][0]} {value:.1e} {CLAIM_TITLES[claim][1]}"
-            for claim, key in _ERRORS.items() if (value := judged[key]) is not None
-        )  # fmt: skip
-        return f"Errors over time on a log axis, with their tolerances. At the end: {ends}."
-    if name == "graph":
-        edges = ", ".join(f"{a} to {b}" for a, b in scenario.formation.edges) or "none"
-        return f"The robots at their places in the pattern. Edges: {edges}."
-    return {
-        "errors": "Errors of Eqs. 3 to 5 over time on a log axis, with their tolerances.",
-        "paths": f"The paths of {len(scenario.ids)} robots in the plane, and where they are at the "
-        "end beside the desired pattern.",
-        "headings": "The robots' headings over time, and their gaps to the first one's.",
-        "lyapunov": "V over time on a log axis; stretches in which it gains more than its budget "
-        "are shaded.",
-        "deliveries": "A band per link: the delay of every message at the time of its sending, or "
-        "how it was lost.",
-        "delays": "Histograms of measured delays beside the configured distributions.",
-    }[name]  # fmt: skip
 
 
 def _lost_share(judged: Mapping[str, Any] | None) -> float | None:

@@ -12,7 +12,8 @@ from rich.table import Table
 from formation.loading import ScenarioError, load
 from formation.record import Outcome
 from formation.scenario import Scenario
-from lab import files, live, lyapunov, verdict
+from formation.theory import of_the_paper
+from lab import claim_words, files, live, lyapunov, verdict
 from lab.execution import execute
 from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import of as code_of
@@ -29,13 +30,6 @@ from netem.problems import Problem
 
 if TYPE_CHECKING:
     from lab.rrd import RunFile
-
-CLAIM_TITLES = {
-    "formation": ("formation (Eq. 3)", "m"),
-    "heading": ("heading (Eq. 4)", "rad"),
-    "centroid": ("centroid (Eq. 5)", "m"),
-    "lyapunov": ("V never rises", ""),  # by a share of V
-}
 
 
 def run_scenario(
@@ -167,7 +161,7 @@ def _conclude(
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     page = output()
     page.print(links_table(rows, "all are in verdict.json"))
-    page.print(_table(judged))
+    page.print(_table(judged, recording.scenario))
     _summarise(page, recording, judged)
     problems += files.attempt(lambda: scene.close(lyapunov.curve(recording)))
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
@@ -196,23 +190,25 @@ def _conclude(
     return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
 
 
-def _table(judged: dict[str, Any]) -> Table:
+def _table(judged: dict[str, Any], scenario: Scenario) -> Table:
     marks = {True: "[green]holds[/]", False: "[red]FAILS[/]", None: "[dim]not judged[/]"}
     words = {True: "yes", False: "no", None: "-"}
+    titles = claim_words.titles(scenario)
     columns = [
         Column("claim", left=True), Column("expected", 3), Column("observed", 4),
         Column("largest at end", 1), Column("tolerance", 2), Column("verdict"),
     ]  # fmt: skip
     rows = []
-    for claim, entry in judged["claims"].items():
-        title, unit = CLAIM_TITLES[claim]
+    for claim, entry in claim_words.told(judged).items():
+        unit = claim_words.UNITS[claim]
         largest = entry["largest_in_window"]
         rows.append([
-            title, words[entry["expected"]], words[entry["observed"]],
+            titles[claim], words[entry["expected"]], words[entry["observed"]],
             "-" if largest is None else f"{largest:.2e} {unit}", f"{entry['tolerance']:g} {unit}",
             "[dim]not claimed[/]" if entry["expected"] is None else marks[entry["holds"]],
         ])  # fmt: skip
-    title = f"{judged['scenario']}: {escape(judged['why'])}"
+    why = f": {escape(judged['why'])}" if of_the_paper(scenario) else ""
+    title = f"{judged['scenario']}{why}"
     made = table(title, columns, rows, "verdict.json has all", output().width)
     if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
         said = "of V: the largest rise of the whole run, by its share of V"
@@ -278,33 +274,28 @@ def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -
         )  # fmt: skip
     if judged["realtime"] is not None:
         console.print(timing_table(judged["realtime"], recording.scenario.clock.sync_bound_s))
-    settled = judged["settling_time_s"]
     factor = judged["realtime_factor"] or 0.0
+    settled = {"never": "it never settled; ", "–": ""}.get(
+        at := verdict.settled(judged), f"settled after {at}; "
+    )
     console.print(
-        (
-            f"settled after {settled:.2f} s; "
-            if settled is not None
-            else "it never settled; "
-            if outcome["kind"] == "completed" and robots["judged"]
-            else ""
-        )
-        + f"simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
-        + f"({times(factor)} real time)"
+        f"{settled}simulated {judged['simulated_s']:.1f} s in {judged['wall_s']:.1f} s "
+        f"({times(factor)} real time)"
     )
     console.print(f"sha256 of the trajectories: {judged['trajectory_sha256'][:16]}…")
     if outcome["kind"] in ("completed", "diverged"):
-        console.print(_in_a_word(judged))
+        console.print(_in_a_word(judged, claim_words.titles(recording.scenario)))
 
 
-def _in_a_word(judged: dict[str, Any]) -> str:
+def _in_a_word(judged: dict[str, Any], titles: dict[str, str]) -> str:
     claims = verdict.claimed(judged)
     if not claims:
         trouble = "" if verdict.passed(judged) else ", but not all went well"
         return f"nothing was claimed{trouble}"
     if verdict.standing(judged) == verdict.HOLDS:
         return "[green]every claim holds[/]"
-    titles = {
-        word: [CLAIM_TITLES[name][0] for name, holds in claims.items() if holds is value]
+    found = {
+        word: [titles[name] for name, holds in claims.items() if holds is value]
         for word, value in ((verdict.FAILS, False), (verdict.NOT_JUDGED, None))
     }
-    return "; ".join(f"[red]{word}:[/] {', '.join(some)}" for word, some in titles.items() if some)
+    return "; ".join(f"[red]{word}:[/] {', '.join(some)}" for word, some in found.items() if some)

@@ -31,7 +31,8 @@ class Entry(NamedTuple):
     """One folder among the runs.
 
     ``kind`` is ``run``, ``claims``, ``nemesis`` or ``broken``; ``when`` local time, ISO 8601;
-    ``claims`` what was expected, and whether it holds (None: not judged); ``note`` says what
+    ``claims`` what was expected, and whether it holds (None: not judged); ``settled`` when its
+    errors settled, in words (``never``); ``note`` says what
     there is to say of a folder that is no whole run, or which robots were lost.
     """
 
@@ -46,6 +47,7 @@ class Entry(NamedTuple):
     mode: str = ""
     sha256: str = ""
     note: str = ""
+    settled: str = "–"
 
     @property
     def is_bad(self) -> bool:
@@ -141,6 +143,7 @@ def _run(folder: Path) -> Entry:
         folder, "run", str(judged["scenario"]), when, verdict.standing(judged),
         verdict.claimed(judged), judged["settling_time_s"], judged["outcome"]["t_s"],
         str(judged["mode"]), str(judged["trajectory_sha256"]), _lost(judged),
+        verdict.settled(judged),
     )  # fmt: skip
 
 
@@ -190,7 +193,7 @@ def _table(entries: list[Entry]) -> Table:
         said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
         rows.append([
             escape(entry.folder.name), f"[{style}]{escape(entry.standing)}[/]", escape(said),
-            _seconds(entry.settled_s), _seconds(entry.simulated_s),
+            entry.settled, _seconds(entry.simulated_s),
             entry.when[:16].replace("T", " "),
         ])  # fmt: skip
     return table("", columns, rows, "--json has all", output().width)

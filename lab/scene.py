@@ -8,8 +8,7 @@ Rerun's two-dimensional views have y downwards: the field is drawn with -y. Posi
 32-bit floats.
 """
 
-from collections.abc import Iterator, Sequence
-from colorsys import hsv_to_rgb
+from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
 
@@ -19,9 +18,11 @@ from numpy.typing import NDArray
 
 from formation.geometry import errors, fitted_rotation, rotated
 from formation.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
-from formation.roster import Roster
 from formation.scenario import Scenario
-from lab.canvas import COLOURS, around, bowed, bows
+from formation.theory import CLAIMS
+from lab import presence
+from lab.canvas import SCREEN_COLOURS, bowed, bows, colours
+from lab.claim_words import UNITS
 from lab.layout import blueprint, half_width, scale_bar
 from lab.telling import told
 from netem.link import DELIVERED, DUPLICATED
@@ -43,8 +44,6 @@ _BENDS = 5
 _MOST_LABELS = 40
 _GREY = 0x9A9A9AFF
 _FLOOR = 1e-16
-_SHOWN = {"#000000": "#AA4499"}
-"""Viewers are dark or light: what is seen on both."""
 
 Array = NDArray[Any]
 
@@ -61,7 +60,11 @@ class Scene:
     ) -> None:
         self._scenario, self._stream, self._live = scenario, stream, live
         self._links = scenario.directed_links
-        self._bows = _bows(scenario)
+        column = {robot: k for k, robot in enumerate(scenario.ids)}
+        edges = [(column[a], column[b]) for a, b in scenario.formation.edges]
+        self._edges = np.array(edges, dtype=np.intp).reshape(-1, 2)
+        self._edge_bows = bows(scenario.offsets_m * [1.0, -1.0], edges)  # as the field is drawn
+        self._bows = _both_ways(scenario, self._edge_bows)
         self._stride = _stride(scenario, self._bows)
         self._roster = scenario.roster()
         self._plan = [(nanoseconds(e.at_s), e.what) for e in scenario.plan if not e.robots]
@@ -144,8 +147,8 @@ class Scene:
         stream.log("field/scale", rr.LineStrips2D(
             [bar], radii=[0.003 * size], colors=[_GREY], labels=[f"{length:g} m"], show_labels=True,
         ), static=True)  # fmt: skip
-        for (name, unit), colour in zip(_ERRORS.items(), _rgba(len(_ERRORS)), strict=True):
-            _label(stream, f"errors/{name}", f"log10 {name} ({unit})", int(colour))
+        for name, colour in zip(CLAIMS, _rgba(len(CLAIMS)), strict=True):
+            _label(stream, f"errors/{name}", f"log10 {name} ({UNITS[name]})", int(colour))
         _label(stream, "lyapunov/v", "log10 V")
 
     def _times(self, t_ns: Array) -> list[rr.TimeColumn]:
@@ -172,7 +175,7 @@ class Scene:
         if half > self._half:  # somebody leaves what is in sight
             self._half = half
             self._stream.send_blueprint(blueprint(self._scenario, half))
-        up = self._up(t_ns)
+        up = presence.up(self._scenario, self._roster, t_ns)
         colours = np.where(up, _rgba(len(self._scenario.ids)), _GREY).astype(np.uint32)
         count = len(self._scenario.ids)
         times, send, sizes = self._times(t_ns), self._stream.send_columns, [count] * len(t_ns)
@@ -195,15 +198,6 @@ class Scene:
         self._draw_errors(t_ns, places, headings, up)
         self._to_link += zip(t_ns.tolist(), drawn, strict=True)
 
-    def _up(self, t_ns: Array) -> NDArray[np.bool_]:
-        """Who is up at each instant, (n, robots)."""
-        ticks = t_ns // self._scenario.clock.control_period_ns
-        up = np.ones((len(ticks), len(self._scenario.ids)), dtype=bool)
-        for column, robot in enumerate(self._scenario.ids):
-            for begin, end in _spans(self._roster, robot, int(ticks[0]), int(ticks[-1])):
-                up[(ticks >= begin) & (ticks < end), column] = False
-        return up
-
     def _draw_errors(
         self, t_ns: Array, places: Array, headings: Array, up: NDArray[np.bool_]
     ) -> None:
@@ -220,20 +214,28 @@ class Scene:
                 found[rows] = np.stack(errors(here, headings[rows][:, who], its), axis=-1)
                 turned = rotated(offsets - its.mean(axis=0), fitted_rotation(here, its))
                 pattern[rows] = turned + here.mean(axis=1, keepdims=True)
-        for name, column in zip(_ERRORS, found.T, strict=True):
+        for name, column in zip(CLAIMS, found.T, strict=True):
             known = np.isfinite(column)
             if known.any():
                 logs = np.log10(np.maximum(column[known], _FLOOR))
                 self._series(f"errors/{name}", t_ns[known], logs)
         known = np.isfinite(pattern).all(axis=(1, 2))
         if known.any():
-            outline = (pattern * [1.0, -1.0])[known]
+            drawn = (pattern * [1.0, -1.0])[known]
             times, send = self._times(t_ns[known]), self._stream.send_columns
-            send("field/pattern", times,
-                 rr.LineStrips2D.columns(strips=outline[:, around(offsets)]))  # fmt: skip
             send("field/places", times, rr.Points2D.columns(
-                positions=outline.reshape(-1, 2),
-            ).partition([len(offsets)] * len(outline)))  # fmt: skip
+                positions=drawn.reshape(-1, 2),
+            ).partition([len(offsets)] * len(drawn)))  # fmt: skip
+            if len(self._edges):
+                send("field/pattern", times, self._edges_between(drawn))
+
+    def _edges_between(self, places: Array) -> Any:
+        """The graph's edges between places (frames, robots, 2), in columns."""
+        parts = np.where(self._edge_bows != 0.0, _BENDS, 1)
+        bows, of = (np.tile(x, len(places)) for x in (self._edge_bows, parts))
+        lines = places[:, self._edges].reshape(-1, 2, 2)
+        strips = _strips(lines, bows, of, np.zeros_like(of))
+        return rr.LineStrips2D.columns(strips=strips).partition([int(parts.sum())] * len(places))
 
     def _draw_links(self, known_ns: int) -> None:
         """The links of frames up to ``known_ns``."""
@@ -275,7 +277,6 @@ class Scene:
                                         level=_LEVELS.get(kind, "INFO")))  # fmt: skip
 
 
-_ERRORS = {"formation": "m", "heading": "rad", "centroid": "m"}
 _LEVELS = {
     "kill": "WARN", "pause": "WARN", "waiting": "WARN", "rejected": "WARN", "refused": "WARN",
     "lost": "ERROR", "host lost": "ERROR", "diverged": "ERROR", "failed": "ERROR",
@@ -347,10 +348,11 @@ class _Traffic:
         self._ended_ns = 0  # up to where it is drawn
         self._rows: dict[tuple[int, int], list[LinkRow]] = {link: [] for link in self._links}
         self._next: dict[tuple[int, int], int] = {}  # the first stretch that is not drawn
-        for number, (source, destination) in enumerate(self._links):
+        shown = _rgba(len(self._links))
+        for (source, destination), colour in zip(self._links, shown, strict=True):
             for what in ("delay", "loss"):  # of one colour in both
                 _label(stream, f"links/{what}/{source}-{destination}", f"{source}→{destination}",
-                       _hue(number, len(self._links)))  # fmt: skip
+                       int(colour))  # fmt: skip
 
     def take(self, row: LinkRow) -> None:
         """Take in what became of one message."""
@@ -414,49 +416,26 @@ def _label(stream: rr.RecordingStream, entity: str, name: str, colour: int | Non
     stream.log(entity, rr.SeriesLines(names=[name], colors=colours), static=True)
 
 
-def _bows(scenario: Scenario) -> Array:
-    """How far each directed link bends (see :func:`lab.canvas.bows`), as the field is drawn."""
-    column = {robot: k for k, robot in enumerate(scenario.ids)}
-    edges = scenario.formation.edges
-    found = bows(scenario.offsets_m * [1.0, -1.0], [(column[a], column[b]) for a, b in edges])
+def _both_ways(scenario: Scenario, edge_bows: Array) -> Array:
+    """How far each directed link bends, given that of each edge (:func:`lab.canvas.bows`)."""
     both = {}
-    for (first, second), bow in zip(edges, found, strict=True):
+    for (first, second), bow in zip(scenario.formation.edges, edge_bows, strict=True):
         both[first, second], both[second, first] = bow, -bow
     return np.array([both[link] for link in scenario.directed_links])
 
 
 def _stride(scenario: Scenario, bows: Array) -> int:
     """Of how many instants one is shown."""
-    cells = len(scenario.ids) + len(scenario.directed_links)
-    cells += (_BENDS - 1) * int(np.count_nonzero(bows))
+    lines = len(scenario.directed_links) + (_BENDS - 1) * int(np.count_nonzero(bows))
+    cells = len(scenario.ids) + lines + lines // 2  # links, and the edges of the pattern
     frames = max(100, min(MOST_FRAMES, MOST_CELLS // cells))
     instants = nanoseconds(scenario.duration_s) // scenario.clock.broadcast_period_ns + 1
     return -(-instants // frames)
 
 
-def _spans(roster: Roster, robot: int, first: int, last: int) -> Iterator[tuple[int, int]]:
-    """The spans of ticks in which a robot is down, of those that touch ``first`` to ``last``."""
-    tick = first
-    while tick <= last:
-        span = roster.span(robot, tick)
-        if span is None:
-            tick = roster.next_down(robot, tick)
-        else:
-            yield span.begin, span.end
-            tick = span.end
-
-
 def _rgba(count: int) -> Array:
-    shown = [_SHOWN.get(colour, colour) for colour in COLOURS]
-    return np.array([
-        int(shown[k % len(shown)][1:], 16) << 8 | 0xFF for k in range(count)
-    ], dtype=np.uint32)  # fmt: skip
-
-
-def _hue(number: int, of: int) -> int:
-    """The colour of one of so many, round the circle of hues, as RGBA."""
-    red, green, blue = (round(255 * part) for part in hsv_to_rgb(number / of, 0.75, 0.8))
-    return red << 24 | green << 16 | blue << 8 | 0xFF
+    shown = [int(colour[1:], 16) << 8 | 0xFF for colour in colours(count, SCREEN_COLOURS)]
+    return np.array(shown, dtype=np.uint32)
 
 
 def _by_age(share: Array) -> Array:

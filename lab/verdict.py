@@ -197,6 +197,18 @@ def settling_time(
     return float(t_s[last_outside[-1] + 1]) if len(last_outside) else float(t_s[0])
 
 
+def settled(verdict: Mapping[str, Any]) -> str:
+    """When a run settled, in words: ``never`` if it completed and its errors did not stay small.
+
+    A dash if it ended in another way, or if nobody was judged.
+    """
+    at_s = verdict["settling_time_s"]
+    if at_s is not None:
+        return f"{at_s:.2f} s"
+    judged = verdict["outcome"]["kind"] == "completed" and verdict["robots"].get("judged")
+    return "never" if judged else "–"
+
+
 def versions() -> dict[str, str | bool]:
     """What produced a run; ``compiled`` says whether the install had a C compiler (setup.py)."""
     found: dict[str, str | bool] = {

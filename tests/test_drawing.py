@@ -65,8 +65,8 @@ def test_no_edge_and_many_robots_stay_straight():
     assert bows(many, [(0, 9)]).tolist() == [0.0]
 
 
-@pytest.mark.parametrize("robots", [2, 3, 4, 5])
-def test_a_few_robots_have_a_colour_each(robots, tmp_path):
+@pytest.mark.parametrize("robots", [2, 3, 4, 5, 40])
+def test_robots_have_a_colour_each(robots, tmp_path):
     """Not one for all, as which Rerun takes three or four plain numbers."""
     scenario = loads(scenario_text(WISH._replace(robots=robots, graph="path")))
     with warnings.catch_warnings():

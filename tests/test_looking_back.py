@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from formation.loading import load, loads
 from formation.record import Event, Outcome
 from lab import foxglove, report, runs
+from lab.claim_words import ENDS
 from lab.cli import main
 from lab.inline import run as run_inline
 from lab.keypaths import by_path, shown
@@ -262,8 +263,8 @@ def test_a_run_that_fell_short_is_told_that_it_did(copy):
     judged = json.loads((copy / "verdict.json").read_text())
     assert "still falling" not in Page(copy / "report.html").text
     for name, claim in judged["claims"].items():
-        if name in report._ERRORS:
-            judged[report._ERRORS[name]] = claim["largest_in_window"] / 2
+        if name in ENDS:
+            judged[ENDS[name]] = claim["largest_in_window"] / 2
     (copy / "verdict.json").write_text(json.dumps(judged))
     report.write_report(copy)
     assert "still falling at the end" in Page(copy / "report.html").text
@@ -425,7 +426,7 @@ def test_compare_tells_what_differs(recorded, another, copy, tmp_path):
     assert rows["law.beta"] == ["10", "10", "5"]
     assert rows["duration_s"] == ["0.4", "0.4", "0.5"]
     judged = json.loads((another / "verdict.json").read_text())
-    assert float(rows["error at the end, Eq. 3 (m)"][2]) == pytest.approx(
+    assert float(rows["at the end: formation, Eq. 3 (m)"][2]) == pytest.approx(
         judged["formation_error_m"], rel=1e-2
     )
     assert rows["sha256"][0] == rows["sha256"][1] != rows["sha256"][2]

@@ -223,7 +223,7 @@ def test_a_plan_that_leaves_robots_out_of_touch_is_warned_of(paper, timeline, gr
 
 GAPS = [
     ("theorem4", ["law.delta=printed"], ["Eq. 19"]),
-    ("theorem4", ["law.kind=bang-bang"], ["bang-bang"]),
+    ("theorem4", ["law.kind=leader_follower"], ["leader_follower"]),
     (
         "theorem6",
         ['network.links=[{from=[3], to=[4], delay={distribution="constant", mean_s=0.2}}]'],
@@ -249,6 +249,26 @@ def test_expecting_what_no_theorem_covers_is_warned_of(paper, name, overrides, w
     silent = assess(without_expect(scenario))
     assert silent.theorem is None
     assert silent.warnings == []
+
+
+@pytest.mark.parametrize("wrong", ["law.delta=printed", "law.w1.bias=0.0", "robots.1.damping=0.0"])
+def test_of_a_law_that_is_not_the_paper_s_no_theorem_is_expected(paper, wrong):
+    """Each alone is warned of with the paper's law."""
+    assert assess(paper("theorem4", wrong)).warnings
+    other = assess(paper("theorem4", wrong, "law.kind=bang-bang"))
+    no_theorem(other, "bang-bang")
+    assert other.warnings == []
+
+
+def test_that_robots_do_not_hear_of_each_other_concerns_every_law(paper):
+    edges, kind = "formation.edges=[[1, 2], [3, 4], [4, 5]]", "law.kind=bang-bang"
+    assert assess(paper("theorem4", edges, kind)).warnings == [
+        "formation.edges: the graph falls into {1, 2}, {3, 4, 5}"
+    ]
+    halves = 'timeline=[{at_s=1.0,action="partition",shape="halves"}]'
+    assert assess(without_expect(paper("section5", halves, kind))).warnings == []
+    (warning,) = assess(paper("section5", halves, kind)).warnings
+    assert warning.startswith("[expect] claims what may not come about: from 1 s on")
 
 
 @pytest.mark.parametrize(("name", "overrides", "words"), IMPERFECT)

@@ -111,6 +111,19 @@ def test_a_run_s_file_is_its_states_and_events(recorded):
     assert v[0] == pytest.approx(np.log10(judged["lyapunov"]["final"]), abs=1e-12)
 
 
+def test_the_pattern_is_its_places_and_the_edges_between_them(recorded):
+    edges = load(SECTION5).formation.edges
+    assert len(edges) == 5
+    strips = dict(columns(recorded / "run.rrd", "/field/pattern", "LineStrips2D:strips"))
+    places = dict(columns(recorded / "run.rrd", "/field/places", "Points2D:positions"))
+    assert strips.keys() == places.keys()
+    for t_s, lines in strips.items():
+        at = np.array(places[t_s])
+        assert np.array(lines) == pytest.approx(
+            np.array([at[[a - 1, b - 1]] for a, b in edges]), abs=1e-4
+        )
+
+
 def test_a_cut_link_is_dashed_and_a_dead_robot_grey(recorded):
     file = recorded / "run.rrd"
     strips = dict(columns(file, "/field/links", "LineStrips2D:strips"))

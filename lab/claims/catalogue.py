@@ -12,6 +12,7 @@ from math import cos, pi, sin
 import networkx as nx
 
 from formation.graph import components
+from lab.claim_words import EQUATIONS
 from lab.claims.claim import ALL_HOLD, APART, NEVER_RISES, NOT_HOME, Case, Claim
 
 SECTION5, DELAYED = "paper/section5.toml", "paper/section5-delay.toml"
@@ -354,8 +355,8 @@ def _networks() -> Iterator[Claim]:
 def _claim(key: str, says: str, where: str, cases: Sequence[Case]) -> Claim:
     """A claim whose runs all end alike, so that ``should`` follows from the first."""
     asked = cases[0].asked
-    hold = [f"{_EQUATIONS[claim]}" for claim, value in asked.items() if value]
-    fail = [f"{_EQUATIONS[claim]}" for claim, value in asked.items() if not value]
+    hold = [EQUATIONS[claim] for claim, value in asked.items() if value]
+    fail = [EQUATIONS[claim] for claim, value in asked.items() if not value]
     words = [f"{_and(hold)} hold" + ("s" if len(hold) == 1 else "")] if hold else []
     if fail:
         words.append(f"{_and(fail)} " + ("does not" if len(fail) == 1 else "do not"))
@@ -363,10 +364,8 @@ def _claim(key: str, says: str, where: str, cases: Sequence[Case]) -> Claim:
     return Claim(key, says, where, should, tuple(cases))
 
 
-_EQUATIONS = {"formation": "3", "heading": "4", "centroid": "5"}
-
-
-def _and(numbers: Sequence[str]) -> str:
+def _and(equations: Sequence[str]) -> str:
+    numbers = [equation.removeprefix("Eq. ") for equation in equations]
     return ("Eq. " if len(numbers) == 1 else "Eqs. ") + ", ".join(numbers)
 
 

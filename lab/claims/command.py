@@ -19,10 +19,11 @@ from formation.scenario import Scenario
 from lab import files, pool, verdict
 from lab import inline as one_process
 from lab.canvas import save
+from lab.claim_words import EQUATIONS, UNITS
 from lab.claims import figures, report
 from lab.claims.catalogue import COMPARED, catalogue
 from lab.claims.claim import Case, Claim
-from lab.claims.results import BROKEN, EQUATIONS, FAILS, HOLDS, OBSERVED, Result, Row
+from lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
 from lab.execution import execute
 from lab.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import BROKEN as RUN_BROKE
@@ -33,7 +34,6 @@ from lab.scenarios import CONFIGS
 from lab.signals import stop_signals
 from lab.tables import output
 
-_UNITS = {"Eq. 3": "m", "Eq. 4": "rad", "Eq. 5": "m"}
 _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
 
 
@@ -211,7 +211,7 @@ def _table(rows: Sequence[Row]) -> Table:
     table = Table(box=SIMPLE_HEAD, title="the paper's claims", title_justify="left")
     for column in ("claim", "in the paper", "verdict"):
         table.add_column(column)
-    for column in ("runs", *(f"{title} ({unit})" for title, unit in _UNITS.items())):
+    for column in ("runs", *(f"{name} ({UNITS[claim]})" for claim, name in EQUATIONS.items())):
         table.add_column(column, justify="right", no_wrap=True)
     for row in rows:
         told = row.verdict if row.verdict == HOLDS else row.happened

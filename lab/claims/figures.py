@@ -9,8 +9,9 @@ from matplotlib.lines import Line2D
 
 from formation.geometry import errors
 from formation.record import Event
-from lab.canvas import COLOURS, blank
-from lab.claims.results import BROKEN, EQUATIONS, FAILS, OBSERVED, Row
+from lab.canvas import COLOURS, blank, colours, dashes
+from lab.claim_words import EQUATIONS, labels
+from lab.claims.results import BROKEN, FAILS, OBSERVED, Row
 from lab.recording import Collected
 
 _LEAST, _MOST = 1e-8, 1e5
@@ -98,11 +99,13 @@ def _errors_of_the_rest(axes: Axes, run: Collected, kill: Event) -> None:
         trajectories.positions_m[:, kept], trajectories.headings_rad[:, kept],
         run.scenario.offsets_m[kept],
     )  # fmt: skip
-    for series, colour, label in (
-        (found.formation_m, COLOURS[0], "formation, Eq. 3 (m)"),
-        (found.heading_rad, COLOURS[1], "heading, Eq. 4 (rad)"),
+    named = labels(run.scenario)
+    for series, colour, claim in (
+        (found.formation_m, COLOURS[0], "formation"),
+        (found.heading_rad, COLOURS[1], "heading"),
     ):
-        axes.semilogy(trajectories.t_s, np.maximum(series, 1e-12), color=colour, label=label)
+        axes.semilogy(trajectories.t_s, np.maximum(series, 1e-12), color=colour,
+                      label=named[claim])  # fmt: skip
     killed = ", ".join(map(str, kill.details["robots"]))
     axes.axvline(kill.t_ns / 1e9, color="0.3", ls="--", lw=1.0, label=f"robot {killed} killed")
     axes.set_xlabel("t (s)")
@@ -114,9 +117,11 @@ def _motion(axes: Axes, run: Collected, kill: Event) -> None:
     """Where the robots are at the kill and at the end, and their ways between."""
     t_ns, positions = run.trajectories.t_ns, run.trajectories.positions_m
     since = int(np.searchsorted(t_ns, kill.t_ns))
-    for k, robot in enumerate(run.scenario.ids):
-        colour = COLOURS[k % len(COLOURS)]
-        axes.plot(*positions[since:, k].T, color=colour, lw=1.2)
+    count = len(run.scenario.ids)
+    for k, (robot, colour, dash) in enumerate(
+        zip(run.scenario.ids, colours(count), dashes(count), strict=True)
+    ):
+        axes.plot(*positions[since:, k].T, color=colour, ls=dash, lw=1.2)
         axes.plot(*positions[since, k], "o", color=colour, mfc="white", ms=6)
         dead = robot in kill.details["robots"]
         axes.plot(*positions[-1, k], "X" if dead else "o", color=colour, ms=9 if dead else 6)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from lab import files
-from lab.claims.results import EQUATIONS, Row
+from lab.claim_words import EQUATIONS
+from lab.claims.results import Row
 from lab.verdict import versions
 
 BEGIN, END = "<!-- formnet claims: begin -->", "<!-- formnet claims: end -->"

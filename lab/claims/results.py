@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from formation.theory import CLAIMS
+from lab.claim_words import EQUATIONS
 from lab.claims.claim import Case, Claim
 
 HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
@@ -102,8 +102,3 @@ class Row:
                 errors = [r.error(claim) for r in chosen]
                 return wanted, choose(inf if error is None else error for error in errors)
         return None, None
-
-
-EQUATIONS = {"formation": "Eq. 3", "heading": "Eq. 4", "centroid": "Eq. 5"}
-"""What claims of [expect] are called in the paper."""
-assert tuple(EQUATIONS) == CLAIMS
