@@ -15,12 +15,13 @@ from rich.table import Table
 from formation.loading import ScenarioError
 from formation.scenario import Expect
 from lab.canvas import COLOURS, blank
-from lab.difference import first_difference
+from lab.difference import first_difference, other_extremes
 from lab.keypaths import by_path, shown
 from lab.links_table import output
 from lab.recorded import Recorded, Unreadable, read_whole
 from lab.recording import fresh_folder
 from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, ONE_FAILS, report_problems
+from lab.telling import motion_told
 from lab.verdict import by_claim, error_series, standing, tolerances_of
 
 MOST_RUNS = 2 * len(COLOURS)
@@ -81,6 +82,7 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
         ("error at the end, Eq. 3 (m)", [_number(v["formation_error_m"]) for v in verdicts]),
         ("error at the end, Eq. 4 (rad)", [_number(v["heading_error_rad"]) for v in verdicts]),
         ("error at the end, Eq. 5 (m)", [_number(v["centroid_error_m"]) for v in verdicts]),
+        *_motions(verdicts),
         ("messages lost", [_lost(v) for v in verdicts]),
         ("robots lost unplanned", [str(len(v["robots"]["lost"])) for v in verdicts]),
         ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
@@ -132,13 +134,15 @@ def _beside(first: Recorded, other: Recorded) -> tuple[str, bool]:
     period_ns = first.scenario.clock.control_period_ns
     found = first_difference(first.samples, other.samples, period_ns)
     found = found or first_difference(first.link_rows, other.link_rows, period_ns)
-    if found is None:
+    parted = None if found is None else f"first at {found}"
+    parted = parted or other_extremes(first.motion, other.motion)
+    if parted is None:
         return "identical", False
     repeatable = first.scenario.clock.mode == "lockstep" and all(
         run.verdict is not None and not run.verdict["robots"]["lost"]
         and run.verdict["outcome"]["kind"] in ("completed", "diverged") for run in (first, other)
     )  # fmt: skip
-    return f"differs, first at {found}", repeatable
+    return f"differs, {parted}", repeatable
 
 
 def _deciding(run: Recorded) -> dict[str, Any]:
@@ -171,6 +175,13 @@ def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
     holds += " (claimed: false)" if claim["expected"] is False else ""
     largest = claim["largest_in_window"]
     return holds if largest is None else f"{holds}, {largest:.1e} {unit}"
+
+
+def _motions(verdicts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
+    """A row for each extreme of the motion that any run has."""
+    told = [motion_told(judged) for judged in verdicts]
+    for title in dict.fromkeys(title for one in told for title in one):
+        yield title, [one.get(title, "–") for one in told]
 
 
 def _lost(judged: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from lab.check import describe
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_run
 from lab.run import ALL_HOLD, BAD_INPUT, CLAIM_TITLES, report_problems, times
-from lab.telling import named, told
+from lab.telling import motion_told, named, told
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -153,7 +153,7 @@ def page(run: Recorded) -> str:
         sections=_sections(run, [item.name for item in pictures]), pictures=pictures,
         first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
         window_s=None if judged is None else _window_s(judged),
-        lost_share=_lost_share(judged), most_links=MOST_LINKS,
+        lost_share=_lost_share(judged), most_links=MOST_LINKS, motion=motion_told(judged),
         in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
         theory=[line.strip() for line in describe(assess(scenario))],
         changed=_changed(run), robots=_robots(run), toml=dumps(scenario), shown=shown,

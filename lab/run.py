@@ -24,7 +24,7 @@ from lab.links_table import links_table, output
 from lab.place import HERE, BadPlace, HostUnreachable, Where
 from lab.recording import Recording, RunExists
 from lab.signals import stop_signals
-from lab.telling import named
+from lab.telling import named, told
 from netem.problems import Problem
 
 if TYPE_CHECKING:
@@ -242,6 +242,8 @@ def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
 
 def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -> None:
     outcome = judged["outcome"]
+    if judged["motion"] is not None:
+        console.print(told("extremes", judged["motion"]), soft_wrap=True)
     if outcome["kind"] != "completed":
         who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
         console.print(
