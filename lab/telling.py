@@ -30,7 +30,7 @@ def extremes_told(details: Mapping[str, Any]) -> dict[str, str]:
     """
     try:
         return dict(_extreme(what, some) for what, some in details.items() if some is not None)
-    except (KeyError, TypeError, AttributeError):
+    except (LookupError, TypeError, ValueError, AttributeError):
         raise ValueError(f"not the extremes of a motion: {details!r}") from None
 
 
@@ -41,12 +41,13 @@ _UNITS = {
 
 def _extreme(what: str, details: Mapping[str, Any]) -> tuple[str, str]:
     """A title, and value, whose and when."""
-    key = next(key for key in details if key not in ("robot", "robots", "t_s"))
+    (key,) = details.keys() - {"robot", "robots", "t_s"}
     value, at = details[key], f"at {details['t_s']:.3f} s"
     size = f"{value:.0f}" if 1e3 <= value < 1e6 else f"{value:.3g}"
     title = "top torque" if key == "torque_nm" else what.replace("_", " ")
     if "robots" in details:
-        whose = "robots {} and {}".format(*details["robots"])
+        one, other = details["robots"]
+        whose = f"robots {one} and {other}"
     else:
         whose = f"robot {details['robot']}"
     return title, f"{size} {_UNITS[key]} ({whose}, {at})"
