@@ -6,12 +6,15 @@ that of the robot, or of the pair, which is first in the scenario's file.
 
 The smallest distance is that of all ticks and pairs, to the bit, without looking at all pairs
 at every tick. What robots move by within a tick lies in a box, and no distance shrinks by more
-than the box's diagonal. So a pair that is further apart than the smallest distance so far by
-some slack is not looked at again before the diagonals have added up to its slack.
+than the box's diagonal. So while the diagonals add up to less than what the nearest pair is
+further apart than the smallest distance so far, there is nothing to look at; and while they add
+up to less than a reach beyond it, only pairs within that reach. Those are found by a sweep along
+the longer side of the formation (Verlet's neighbour list, Phys. Rev. 159 (1967) 98, with sort and
+sweep).
 """
 
 from collections.abc import Mapping, Sequence
-from heapq import heapify, heappop, heappush
+from itertools import pairwise
 from math import hypot, inf, isfinite, nextafter
 from typing import Any, Final, NamedTuple
 
@@ -19,10 +22,10 @@ from formation.messages import State
 
 _ROUNDING: Final = 4e-15
 """More than the relative error of any distance and diagonal here, some units of 2⁻⁵³."""
-_TINY: Final = 1e-300
-"""More than their error where numbers are subnormal, in metres."""
 _MOST_MOTION_M: Final = 1e9
-"""How far the diagonals may add up before all pairs are looked at anew."""
+"""How far the diagonals may add up before they are counted from 0 again."""
+_LISTED_TICKS: Final = 8.0
+"""For how many ticks like the last one pairs are listed, at the most."""
 
 
 class Extreme(NamedTuple):
@@ -51,7 +54,8 @@ class Extremes:
         self._closest = Extreme(inf, 0, [])
         self._before: Mapping[int, State] = {}  # the states of the tick before
         self._moved_m = 0.0  # the diagonals of all ticks, added up; rounded up
-        self._due: list[tuple[float, int, int]] = []  # a heap: from which ``_moved_m`` on, a pair
+        self._near: list[tuple[int, int]] = []  # pairs that may come closest, by their places
+        self._listed_until_m = self._quiet_until_m = -1.0  # up to which ``_moved_m`` that holds
 
     def at(self, t_ns: int, states: Mapping[int, State]) -> None:
         """All robots' states at a tick, later than the last one; finite, and not changed later."""
@@ -60,14 +64,15 @@ class Extremes:
         low_x = low_y = inf
         high_x = high_y = -inf
         for robot in self._ids:
-            state, old = states[robot], before[robot]
-            if abs(state[3]) > speed:
-                speed = abs(state[3])
+            x, y, _, v, w = states[robot]
+            if abs(v) > speed:
+                speed = abs(v)
                 self._speed = Extreme(speed, t_ns, [robot])
-            if abs(state[4]) > turn_rate:
-                turn_rate = abs(state[4])
+            if abs(w) > turn_rate:
+                turn_rate = abs(w)
                 self._turn_rate = Extreme(turn_rate, t_ns, [robot])
-            step_x, step_y = state[0] - old[0], state[1] - old[1]
+            old = before[robot]
+            step_x, step_y = x - old[0], y - old[1]
             if step_x < low_x:
                 low_x = step_x
             if step_x > high_x:
@@ -76,17 +81,17 @@ class Extremes:
                 low_y = step_y
             if step_y > high_y:
                 high_y = step_y
-        first, self._before = not self._before, states
+        self._before = states
         # A step is known to a few units of its own last place, not of the box's.
         furthest = max(abs(low_x), abs(high_x)) + max(abs(low_y), abs(high_y))
-        diagonal = hypot(high_x - low_x, high_y - low_y) + _ROUNDING * furthest
-        if diagonal == 0.0 and not first:
-            return
-        self._moved_m = nextafter(self._moved_m + diagonal, inf)
-        if first or not self._moved_m < _MOST_MOTION_M:  # also NaN
-            self._look_at_all(t_ns)
-        else:
-            self._look_at_due(t_ns)
+        diagonal_m = hypot(high_x - low_x, high_y - low_y) + _ROUNDING * furthest
+        if diagonal_m != 0.0:
+            self._moved_m = nextafter(self._moved_m + diagonal_m, inf)
+        if not self._moved_m < _MOST_MOTION_M:  # also NaN
+            self._moved_m, self._listed_until_m, self._quiet_until_m = 0.0, -1.0, -1.0
+            diagonal_m = inf
+        if self._moved_m > self._quiet_until_m:
+            self._look(t_ns, diagonal_m)
 
     def asked(self, t_ns: int, robot: int, first: float, second: float) -> None:
         """The command of ``robot``'s law at ``t_ns``; left out where it is not finite."""
@@ -114,43 +119,47 @@ class Extremes:
             "top_command": _told("torque_nm" if self._dynamic else "speed_mps", self._command),
         }  # fmt: skip
 
-    def _look_at_all(self, t_ns: int) -> None:
-        self._moved_m = 0.0
-        count = len(self._ids)
-        self._due = []
-        found = [
-            (self._distance(one, other), one, other)
-            for one in range(count)
-            for other in range(one + 1, count)
-        ]
-        self._compare(t_ns, found)
-        self._due = [(self._due_from(pair[0]), pair[1], pair[2]) for pair in found]
-        heapify(self._due)
+    def _look(self, t_ns: int, diagonal_m: float) -> None:
+        """Compare the pairs that may be closer than ever; of equal ones the first counts."""
+        listed_m = -1.0
+        if self._moved_m > self._listed_until_m:
+            listed_m = self._list_near(_LISTED_TICKS * diagonal_m)
+        nearest_m, pair = inf, (0, 0)
+        for one, other in self._near:
+            distance_m = self._distance(one, other)
+            if distance_m < nearest_m:
+                nearest_m, pair = distance_m, (one, other)
+        if nearest_m < self._closest.value:
+            self._closest = Extreme(nearest_m, t_ns, [self._ids[place] for place in pair])
+        if listed_m >= 0.0:
+            self._listed_until_m = self._until(listed_m)
+        self._quiet_until_m = min(self._until(nearest_m), self._listed_until_m)
 
-    def _look_at_due(self, t_ns: int) -> None:
-        due, moved_m = self._due, self._moved_m
-        found: list[tuple[float, int, int]] = []
-        while due and due[0][0] < moved_m:
-            pair = heappop(due)
-            found.append((self._distance(pair[1], pair[2]), pair[1], pair[2]))
-        if found:
-            self._compare(t_ns, found)
-            for pair in found:
-                heappush(due, (self._due_from(pair[0]), pair[1], pair[2]))
+    def _list_near(self, more_m: float) -> float:
+        """List pairs up to which distance, some ``more_m`` beyond the smallest; returns which."""
+        states = [self._before[robot] for robot in self._ids]
+        xs, ys = [state[0] for state in states], [state[1] for state in states]
+        long = xs if max(xs) - min(xs) >= max(ys) - min(ys) else ys
+        order = sorted(range(len(long)), key=long.__getitem__)
+        beside_m = min((self._distance(a, b) for a, b in pairwise(order)), default=inf)
+        reach_m = min(self._closest.value, beside_m) + min(more_m, beside_m)
+        near: list[tuple[int, int]] = []
+        for rank, one in enumerate(order):
+            for later in range(rank + 1, len(order)):
+                other = order[later]
+                if long[other] - long[one] > reach_m:
+                    break
+                if self._distance(one, other) <= reach_m:
+                    near.append((min(one, other), max(one, other)))
+        near.sort()
+        self._near = near
+        return reach_m
 
-    def _compare(self, t_ns: int, found: list[tuple[float, int, int]]) -> None:
-        """Keep the smallest, if it is smaller than ever; of equal ones the first pair."""
-        if not found:
-            return
-        distance_m, one, other = min(found)
-        if distance_m < self._closest.value:
-            self._closest = Extreme(distance_m, t_ns, [self._ids[one], self._ids[other]])
-
-    def _due_from(self, distance_m: float) -> float:
-        """At which ``_moved_m`` a pair may come closer than the smallest distance, at the least."""
-        if distance_m == inf:  # a motion that makes it finite is beyond the most
+    def _until(self, distance_m: float) -> float:
+        """Up to which ``_moved_m`` a pair this far apart stays beyond the smallest distance."""
+        if distance_m == inf:  # what makes it finite is beyond the most motion
             return inf
-        slack_m = distance_m * (1.0 - _ROUNDING) - self._closest.value * (1.0 + _ROUNDING) - _TINY
+        slack_m = distance_m * (1.0 - _ROUNDING) - self._closest.value * (1.0 + _ROUNDING)
         return max(nextafter(self._moved_m + slack_m, -inf), self._moved_m)
 
     def _distance(self, one: int, other: int) -> float:
