@@ -184,8 +184,8 @@ class World:
     def _note_extremes(self) -> None:
         t_ns, drives = self.t_ns, self._drives
         self.extremes.at(t_ns, self._states)
-        for robot in drives:
-            self.extremes.asked(t_ns, robot, drives[robot].right, drives[robot].left)
+        for robot, drive in drives.items():
+            self.extremes.asked(t_ns, robot, drive.right, drive.left)
         drives.clear()
 
     def _enter(self, tick: int) -> None:

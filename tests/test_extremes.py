@@ -151,38 +151,42 @@ def test_of_pairs_as_close_as_each_other_the_first_in_the_file_counts(then):
     assert found == {**expected, "robots": [1, 2]}
 
 
-class Counting(Extremes):
-    """Counts the distances that it looks at."""
+class Counting(dict):
+    """States that count how often they are looked at."""
 
     looked = 0
 
-    def _distance(self, one, other):
-        self.looked += 1
-        return super()._distance(one, other)
+    def __getitem__(self, robot):
+        Counting.looked += 1
+        return super().__getitem__(robot)
+
+
+def looks(ids, ticks):
+    """How often states are looked at in each tick."""
+    extremes, found = Extremes(ids, dynamic=True), []
+    for tick, states in enumerate(ticks):
+        before = Counting.looked
+        extremes.at(tick * MS, Counting(states))
+        found.append(Counting.looked - before)
+    return found
 
 
 def test_a_thousand_robots_do_not_cost_every_pair_at_every_tick():
     """On a grid of 1 m that drifts as a whole while everybody trembles by a millimetre."""
     draw, ids = random.Random(1), list(range(1000))
-    extremes = Counting(ids, dynamic=True)
-    for tick in range(40):
-        shift = 0.01 * tick
-        extremes.at(tick * MS, {
-            robot: State(robot % 32 + shift + draw.uniform(-1e-3, 1e-3),
-                         robot // 32 + draw.uniform(-1e-3, 1e-3), 0.0, 10.0, 0.0)
-            for robot in ids
-        })  # fmt: skip
-    assert extremes.looked < 40 * 10_000  # there are 499,500 pairs, 2000 of them neighbours
+
+    def place(robot, tick):
+        x, y = robot % 32 + 0.01 * tick, robot // 32
+        return State(x + draw.uniform(-1e-3, 1e-3), y + draw.uniform(-1e-3, 1e-3), 0.0, 10.0, 0.0)
+
+    found = looks(ids, [{robot: place(robot, tick) for robot in ids} for tick in range(40)])
+    assert sum(found) / 40 < 20_000  # there are 499,500 pairs, some 2000 of them neighbours
 
 
 def test_who_stands_costs_nothing():
-    extremes, state = Counting([1, 2, 3], dynamic=False), State(0.0, 0.0, 0.0, 0.0, 0.0)
-    looked = []
-    for tick in range(100):
-        extremes.at(tick * MS, {robot: state._replace(x_m=float(robot)) for robot in (1, 2, 3)})
-        looked.append(extremes.looked)
-    assert looked[0] == looked[-1] > 0
-    assert extremes.details()["closest"] == {"distance_m": 1.0, "robots": [1, 2], "t_s": 0.0}
+    state = State(0.0, 0.0, 0.0, 0.0, 0.0)
+    found = looks([1, 2, 3], [{k: state._replace(x_m=float(k)) for k in (1, 2, 3)}] * 9)
+    assert found[1:] == [6] * 8  # each robot's state, and the one before
 
 
 def test_before_any_tick_there_is_nothing():
