@@ -28,6 +28,7 @@ HOT = [
     "netem/loss.py",
     "netem/markov.py",
     "plant/body.py",
+    "plant/extremes.py",
     "plant/host.py",
     "plant/lockstep.py",
     "plant/realtime.py",

@@ -59,7 +59,8 @@ class Event(NamedTuple):
     """Something worth a line in ``events.jsonl``: what, at which virtual time, and details.
 
     Every run has ``started`` before its first tick and, if it came that far,
-    ``last tick`` after its last, before the robots hand in their last reports.
+    ``last tick`` after its last, before the robots hand in their last reports. One that began
+    ends with ``extremes``, those of the motion (:meth:`plant.extremes.Extremes.details`).
     """
 
     kind: str

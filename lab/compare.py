@@ -15,7 +15,7 @@ from formation.loading import ScenarioError
 from formation.scenario import Expect
 from lab import claim_words, files
 from lab.canvas import COLOURS, blank, colours, dashes, save
-from lab.difference import first_difference
+from lab.difference import first_difference, other_extremes
 from lab.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from lab.exits import of as code_of
 from lab.folders import fresh_folder
@@ -24,6 +24,7 @@ from lab.recorded import Recorded, Unreadable, read_whole
 from lab.run import report_problems
 from lab.side_by_side import MOST_COLUMNS, Rows, renderables, turned
 from lab.tables import output
+from lab.telling import motion_told
 from lab.verdict import by_claim, error_series, settled, standing, tolerances_of
 
 MOST_RUNS = 2 * len(COLOURS)
@@ -88,6 +89,7 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
         ("settled after", [settled(v) for v in verdicts]),
         *((f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
           for claim, label in claim_words.labels(*scenarios).items()),
+        *_motions(verdicts),
         ("messages lost", [_lost(v) for v in verdicts]),
         ("robots lost unplanned", [str(len(v["robots"]["lost"])) for v in verdicts]),
         ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
@@ -138,13 +140,15 @@ def _beside(first: Recorded, other: Recorded) -> tuple[str, bool]:
     period_ns = first.scenario.clock.control_period_ns
     found = first_difference(first.samples, other.samples, period_ns)
     found = found or first_difference(first.link_rows, other.link_rows, period_ns)
-    if found is None:
+    parted = None if found is None else f"first at {found}"
+    parted = parted or other_extremes(first.motion, other.motion)
+    if parted is None:
         return "identical", False
     repeatable = first.scenario.clock.mode == "lockstep" and all(
         run.verdict is not None and not run.verdict["robots"]["lost"]
         and run.verdict["outcome"]["kind"] in ("completed", "diverged") for run in (first, other)
     )  # fmt: skip
-    return f"differs, first at {found}", repeatable
+    return f"differs, {parted}", repeatable
 
 
 def _deciding(run: Recorded) -> dict[str, Any]:
@@ -177,6 +181,13 @@ def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
     holds += " (claimed: false)" if claim["expected"] is False else ""
     largest = claim["largest_in_window"]
     return holds if largest is None else f"{holds}, {largest:.1e} {unit}".strip()
+
+
+def _motions(verdicts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
+    """A row for each extreme of the motion that any run has."""
+    told = [motion_told(judged) for judged in verdicts]
+    for title in dict.fromkeys(title for one in told for title in one):
+        yield title, [one.get(title, "–") for one in told]
 
 
 def _lost(judged: Mapping[str, Any]) -> str:

@@ -1,6 +1,6 @@
 """Where two records of a run part."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -38,6 +38,20 @@ def first_difference(
     for old, new in pairs:
         if _bits(old) != _bits(new):
             return _between(old, new, period_ns)
+    return None
+
+
+def other_extremes(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None) -> str | None:
+    """The first extreme of two motions that differs, in words; None if every bit is the same.
+
+    Nothing is said of a motion that is not known: runs of older versions do not tell.
+    """
+    if first is None or second is None:
+        return None
+    for what in [*first, *(what for what in second if what not in first)]:
+        one, other = first.get(what), second.get(what)
+        if _bits(one) != _bits(other):
+            return f"{what}: {_bits(one)} and {_bits(other)}"
     return None
 
 

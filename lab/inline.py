@@ -46,6 +46,7 @@ class _Run:
         self._scenario, self._name, self._sink = scenario, name, sink
         self._world = World(scenario)
         self._robots: dict[int, Robot] = {}  # those that have a process, or would have one
+        self._began = False
         self.at_work = 0
         """The robot that computes."""
 
@@ -66,6 +67,7 @@ class _Run:
         try:
             for robot in self._scenario.ids:
                 self._start(robot)
+            self._began = True
             self._sink(Event("started", 0, {"robots": self._scenario.ids}))
             while not world.finished and world.t_ns < until_ns:
                 if world.happenings:
@@ -153,5 +155,7 @@ class _Run:
         self._flush()
         for left in self._robots.values():
             self._report(left, IN_FLIGHT)
+        if self._began:
+            self._sink(Event("extremes", t_ns, world.extremes.details()))
         self._sink(outcome)
         return outcome

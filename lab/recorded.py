@@ -10,6 +10,7 @@ from formation.loading import load
 from formation.record import Event, Outcome
 from formation.scenario import Scenario
 from lab.recording import LINKS, STATES, Collected, being_written, read_links, read_states
+from lab.telling import extremes_told, motion_told
 
 _OUTCOMES = {"completed", "diverged", "interrupted", "lost", "failed", "broken"}
 _END = {"robot", "reason"}
@@ -104,6 +105,7 @@ def read_verdict(folder: Path) -> dict[str, Any]:
         judged["messages"]["sent"], judged["messages"]["fates"].items()
         for claim in judged["claims"].values():
             claim["expected"], claim["holds"], claim["largest_in_window"]
+        motion_told(judged)
     except FileNotFoundError:
         raise Unreadable("has no verdict.json") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -164,5 +166,7 @@ def _read_events(run: Recorded) -> None:
         ):
             raise ValueError(f"a loss without robot and tick: {line}")
         else:
+            if kind == "extremes":
+                extremes_told(line)
             run.events.append(Event(kind, t_ns, line))
             run.walls.append(wall)

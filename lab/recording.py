@@ -135,6 +135,11 @@ class Collected:
             key=lambda row: (row.t_sent_ns, *row[2:], -1 if row[1] is None else row[1]),
         )
 
+    @property
+    def motion(self) -> dict[str, Any] | None:
+        """The extremes of the motion (:meth:`plant.extremes.Extremes.details`), once known."""
+        return next((e.details for e in self.events if e.kind == "extremes"), None)
+
     def latest(self) -> Trajectories:
         """The newest sample of every robot alone (empty if there is none)."""
         robots = len(self.scenario.robots)

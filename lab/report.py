@@ -23,7 +23,7 @@ from lab.keypaths import by_path, shown
 from lab.pictures import pictures
 from lab.recorded import Recorded, Unreadable, read_run
 from lab.run import report_problems
-from lab.telling import named, times, told
+from lab.telling import motion_told, named, times, told
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -139,7 +139,7 @@ def page(run: Recorded) -> str:
         sections=_sections(run, [item.name for item in drawn]), pictures=drawn,
         first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
         window_s=None if judged is None else _window_s(judged),
-        lost_share=_lost_share(judged), most_links=MOST_LINKS,
+        lost_share=_lost_share(judged), most_links=MOST_LINKS, motion=motion_told(judged),
         in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
         of_the_paper=of_the_paper(scenario),
         claims={} if judged is None else claim_words.told(judged),

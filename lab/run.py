@@ -25,7 +25,7 @@ from lab.progress import Watch
 from lab.recording import Recording
 from lab.signals import stop_signals
 from lab.tables import Column, output, table
-from lab.telling import named, times
+from lab.telling import named, times, told
 from netem.problems import Problem
 
 if TYPE_CHECKING:
@@ -241,6 +241,8 @@ def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
 
 def _summarise(console: Console, recording: Recording, judged: dict[str, Any]) -> None:
     outcome = judged["outcome"]
+    if judged["motion"] is not None:
+        console.print(told("extremes", judged["motion"]), soft_wrap=True)
     if outcome["kind"] != "completed":
         who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
         console.print(

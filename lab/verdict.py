@@ -34,6 +34,7 @@ def of(
     diverged no equation holds; one that ended early in another way is not judged.
     The equations are about the robots that are up at the end; where none is, nothing is judged.
     ``lyapunov`` is judged over the whole run (see :mod:`lab.lyapunov`).
+    ``motion`` has the extremes of the whole run (see :mod:`plant.extremes`); None without any.
     ``warnings`` are those that were given before the run.
     """
     scenario, outcome = recording.scenario, recording.outcome
@@ -92,6 +93,7 @@ def of(
             trajectories.t_s, {c: s for c, s in by_claim(found).items() if c in asked}, tolerances
         ) if completed else None,
         "claims": claims,
+        "motion": recording.motion,
         "lyapunov": rising,
         "trajectory_sha256": trajectory_sha256(recording.samples),
         "messages": _messages(recording),

@@ -12,7 +12,7 @@ from rich.markup import escape
 from formation.loading import ScenarioError
 from formation.record import Record, Sample
 from lab import verdict
-from lab.difference import first_difference
+from lab.difference import first_difference, other_extremes
 from lab.execution import execute
 from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from lab.foresight import obstacle
@@ -87,10 +87,11 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
         found = first_difference(
             recorded.link_rows, again.sorted_link_rows, recorded.scenario.clock.control_period_ns
         )
+    moved = other_extremes(judged.get("motion"), again.motion) if whole else None
     claimed = judged["trajectory_sha256"]
     sealed = trajectory_sha256(recorded.samples) == claimed
     name = escape(str(folder))
-    if found is None and sealed:
+    if found is None and moved is None and sealed:
         extent = (
             f": {len(samples)} samples, {len(recorded.link_rows)} messages" if whole else
             f" up to t = {until_ns / 1e9:g} s, where {_what_happened(judged, until_ns)}: "
@@ -106,6 +107,9 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
                       "changed after the run", soft_wrap=True)  # fmt: skip
     if found is not None:
         console.print(f"  first at {escape(str(found))} (recorded, and again)", soft_wrap=True)
+    if moved is not None:
+        console.print(f"  motion, {escape(moved)} (recorded, and again)", soft_wrap=True)
+    if found is not None or moved is not None:
         for line in _other_versions(judged):
             console.print(f"  {escape(line)}", soft_wrap=True)
     return ONE_FAILS

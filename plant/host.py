@@ -33,6 +33,7 @@ from formation.messages import (
 )
 from formation.record import Event, LinkRows, Outcome, Record, Samples, Streamed
 from formation.scenario import Scenario
+from plant.extremes import Extremes
 
 PATIENCE_S = 1.0
 """How long to wait before saying for whom."""
@@ -130,8 +131,10 @@ class Host:
     def run(self) -> Outcome:
         """Host the run from the handshake to the last report."""
         self._listen()
+        began = False
         try:
             self._gather()
+            began = True
             self._sink(Event("started", 0, {"robots": self._scenario.ids}))
             gc.freeze()  # what start-up has made stays; do not scan it again and again
             self._go()
@@ -145,6 +148,10 @@ class Host:
         outcome = self._farewell(outcome)
         self._report()
         self._last_words()
+        if began:
+            with self._lock:
+                extremes = self._extremes().details()
+            self._sink(Event("extremes", outcome.t_ns, extremes))
         self._sink(outcome)
         return outcome
 
@@ -168,6 +175,10 @@ class Host:
 
     def _report(self) -> None:
         """Send to the sink what has not been yet."""
+        raise NotImplementedError
+
+    def _extremes(self) -> Extremes:
+        """Those of the motion."""
         raise NotImplementedError
 
     def _last_words(self) -> None:

@@ -26,6 +26,7 @@ from formation.messages import (
 from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formation.scenario import Scenario
 from netem.timeline import NEVER
+from plant.extremes import Extremes
 from plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
 from plant.world import World
 
@@ -70,6 +71,9 @@ class LockstepPlant(Host):
         self._running = True
         self._turn()
         self._attend()
+
+    def _extremes(self) -> Extremes:
+        return self._world.extremes
 
     def _wind_up(self) -> None:
         if self._paused:  # to say their last they have to run

@@ -33,6 +33,7 @@ from formation.scenario import Scenario
 from formation.sync import Spread
 from netem.tables import nanoseconds
 from netem.wallclock import wake_punctually
+from plant.extremes import Extremes
 from plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
 from plant.timed import TimedWorld
 from plant.witness import Witness
@@ -210,6 +211,9 @@ class RealtimePlant(Host):
         self._dead.add(robot)
         self._watch([robot])
         self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": tick}))
+
+    def _extremes(self) -> Extremes:
+        return self._world.extremes
 
     def _wind_up(self) -> None:
         if self._paused:

@@ -12,8 +12,8 @@ from formation.record import Sample
 from formation.roster import Happening, Roster
 from formation.scenario import Scenario
 from netem.tables import nanoseconds
-from netem.timeline import NEVER
 from plant.body import Body, braked, driven, left_alone, steered
+from plant.extremes import Extremes
 from plant.world import BAD_COMMAND, BAD_STATE, Diverged, diverged
 
 
@@ -26,7 +26,7 @@ class _Track:
         self.t_ns = 0
         self.drive: tuple[float, float] | None = None
         self.stale_ns = 0  # until when the drive counts
-        self.sample = 0  # the next one to take
+        self.tick = 0  # the next one that it comes to
 
 
 class TimedWorld:
@@ -34,6 +34,7 @@ class TimedWorld:
 
     Attributes:
         diverged: the first robot whose command, or where it led, was not finite.
+        extremes: those of the motion, over the ticks to which everybody has come.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -42,8 +43,9 @@ class TimedWorld:
         self._roster: Roster = scenario.roster()
         self._control_ns = scenario.clock.control_period_ns
         self._sample_ns = scenario.clock.broadcast_period_ns
-        self._end_ns = scenario.ticks * self._control_ns
-        self._samples = -(-self._end_ns // self._sample_ns)  # the last one is at the end
+        self._ticks = scenario.ticks
+        self._end_ns = self._ticks * self._control_ns
+        self._sample_every = scenario.clock.broadcast_every
         self._timeout_ns = nanoseconds(scenario.plant.drive_timeout_s)
         self._plant = scenario.plant
         self._dynamic = scenario.law.level == "dynamic"
@@ -52,6 +54,8 @@ class TimedWorld:
             for robot in self._ids
         }
         self._happenings: list[Happening] = self._roster.happenings()
+        self.extremes = Extremes(self._ids, dynamic=self._dynamic)
+        self._there: dict[int, dict[int, State]] = {}  # by tick, then by robot
         self._rows: dict[int, dict[int, Sample]] = {}  # by number of sample, then by robot
         self._complete = 0  # the next sample that not everybody has
         self._next_ns = 0  # when the next one is due
@@ -84,6 +88,8 @@ class TimedWorld:
             self._diverge(robot, track.t_ns, BAD_COMMAND)
             return
         track.drive, track.stale_ns = (first, second), track.t_ns + self._timeout_ns
+        if self.diverged is None:
+            self.extremes.asked(track.t_ns, robot, first, second)
 
     def advance(self, t_ns: int) -> list[Happening]:
         """Move everybody up to ``t_ns``; returns what was planned until then."""
@@ -112,17 +118,13 @@ class TimedWorld:
         return taken
 
     def _advance(self, robot: int, track: _Track, t_ns: int) -> None:
-        """In pieces in which nothing changes, and which end where a sample is due."""
+        """In pieces in which nothing changes, and which end at every control tick."""
         while True:
-            sample_ns = self._due_ns(track.sample)
-            if sample_ns == track.t_ns:
-                self._take(robot, track)
-                sample_ns = self._due_ns(track.sample)
+            if track.t_ns == track.tick * self._control_ns:
+                self._arrive(robot, track)
             if track.t_ns >= t_ns or self.diverged is not None:
                 return
-            tick = track.t_ns // self._control_ns
-            change = min(self._roster.next_down(robot, tick + 1), self._next_up(robot, tick))
-            until_ns = min(t_ns, sample_ns, change * self._control_ns)
+            until_ns = min(t_ns, track.tick * self._control_ns)
             if track.drive is not None and track.stale_ns > track.t_ns:
                 until_ns = min(until_ns, track.stale_ns)
             reached = self._moved(robot, track, (until_ns - track.t_ns) * 1e-9)
@@ -130,14 +132,18 @@ class TimedWorld:
                 self._diverge(robot, until_ns, BAD_STATE)
             track.state, track.t_ns = reached, until_ns
 
-    def _due_ns(self, sample: int) -> int:
-        if sample > self._samples:
-            return NEVER
-        return min(sample * self._sample_ns, self._end_ns)
-
-    def _next_up(self, robot: int, tick: int) -> int:
-        span = self._roster.span(robot, tick)
-        return NEVER if span is None else span.end
+    def _arrive(self, robot: int, track: _Track) -> None:
+        """``robot`` has come to a control tick: note where it is."""
+        tick = track.tick
+        track.tick += 1
+        if tick % self._sample_every == 0 or tick == self._ticks:
+            self._take(robot, track, -(-tick // self._sample_every))  # the last is at the end
+        if self.diverged is not None:
+            return
+        there = self._there.setdefault(tick, {})
+        there[robot] = track.state
+        if len(there) == len(self._ids):
+            self.extremes.at(track.t_ns, self._there.pop(tick))
 
     def _moved(self, robot: int, track: _Track, seconds: float) -> State:
         applied = self._applied(robot, track)
@@ -158,14 +164,13 @@ class TimedWorld:
             return (0.0, 0.0) if coasts else None
         return track.drive if track.t_ns < track.stale_ns else None
 
-    def _take(self, robot: int, track: _Track) -> None:
+    def _take(self, robot: int, track: _Track, sample: int) -> None:
         applied = self._applied(robot, track) if self._dynamic else None
         torques: tuple[float | None, float | None] = (None, None)
         if applied is not None:
             torques = track.body.saturated(applied[0]), track.body.saturated(applied[1])
         row = Sample(track.t_ns, robot, *track.state, *torques)
-        self._rows.setdefault(track.sample, {})[robot] = row
-        track.sample += 1
+        self._rows.setdefault(sample, {})[robot] = row
 
     def _diverge(self, robot: int, t_ns: int, why: str) -> None:
         if self.diverged is None:

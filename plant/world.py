@@ -18,6 +18,7 @@ from formation.scenario import Scenario
 from netem.link import LOST_DOWN
 from netem.timeline import NEVER
 from plant.body import Body, driven, left_alone, steered
+from plant.extremes import Extremes
 
 BAD_COMMAND = "its command is not finite"
 BAD_STATE = "the state that its command leads to is not finite"
@@ -59,6 +60,7 @@ class World:
         finished: whether the last tick is complete.
         changed: whether ``up`` is not what it was at the tick before.
         happenings: what is planned for this tick; the shell sees to it before it sends senses.
+        extremes: those of the motion, over the ticks that are complete.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -83,6 +85,8 @@ class World:
         self._bodies = {robot: Body.of(scenario.vehicles[robot]) for robot in self.ids}
         self._states = {robot: scenario.start_state(robot) for robot in self.ids}
         self._next: dict[int, State] = {}
+        self._drives: dict[int, Drive] = {}  # of this tick
+        self.extremes = Extremes(self.ids, dynamic=self._dynamic)
         self._samples: list[Sample] = []
         self._row: dict[int, Sample] = {}
         self._recording = True  # whether this tick is
@@ -120,6 +124,7 @@ class World:
         state = self._states[robot]
         if self._recording:
             self._record(robot, state, drive)
+        self._drives[robot] = drive
         self._next[robot] = reached = self._moved(robot, state, drive)
         if not finite(reached):
             commanded = math.isfinite(drive.right) and math.isfinite(drive.left)
@@ -162,6 +167,7 @@ class World:
     def _complete(self) -> None:
         if len(self._next) < len(self.ids):
             self._leave_the_others()
+        self._note_extremes()
         if self._row:
             self._samples.extend(self._row[robot] for robot in self.ids)
             self._row = {}
@@ -174,6 +180,13 @@ class World:
             return
         self._states, self._next = self._next, {}
         self._enter(self.tick + 1)
+
+    def _note_extremes(self) -> None:
+        t_ns, drives = self.t_ns, self._drives
+        self.extremes.at(t_ns, self._states)
+        for robot, drive in drives.items():
+            self.extremes.asked(t_ns, robot, drive.right, drive.left)
+        drives.clear()
 
     def _enter(self, tick: int) -> None:
         self.tick = tick

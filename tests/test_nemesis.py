@@ -2,6 +2,7 @@
 
 import json
 import random
+from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -174,6 +175,28 @@ def lost(copy):
     copy.events.insert(-1, Event("lost", 1000 * MS, details))
 
 
+def with_motion(copy, change):
+    place = next(k for k, event in enumerate(copy.events) if event.kind == "extremes")
+    copy.events[place] = deepcopy(copy.events[place])
+    change(copy.events[place].details)
+
+
+def no_extremes(copy):
+    copy.events = [event for event in copy.events if event.kind != "extremes"]
+
+
+def slower(copy):
+    with_motion(copy, lambda found: found["top_speed"].update(speed_mps=1.0))
+
+
+def turning_less(copy):
+    with_motion(copy, lambda found: found["top_turn_rate"].update(turn_rate_radps=0.01))
+
+
+def further_apart(copy):
+    with_motion(copy, lambda found: found["closest"].update(distance_m=99.0))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -192,6 +215,10 @@ def lost(copy):
         (backwards, "events: pause at 600000000 ns after resume at 700000000 ns"),
         (no_end, "must begin with started and have one last tick"),
         (lost, "lost without a plan: robot 2 (its process is gone)"),
+        (no_extremes, "motion: its extremes must be told once, and are 0 times"),
+        (slower, "ns is above 1.0"),
+        (turning_less, "motion: turn_rate_radps "),
+        (further_apart, "closer than what is told: {'distance_m': 99.0"),
     ],
 )
 def test_what_is_wrong_with_a_record_is_named(record, change, words):

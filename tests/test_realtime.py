@@ -336,6 +336,8 @@ def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
     states = pq.read_table(run.out / "states.parquet")
     speeds = np.abs(states.column("speed_mps").to_numpy())
     assert speeds.max() > 0.5  # they move
+    assert judged["motion"]["top_speed"]["speed_mps"] >= speeds.max()
+    assert [event["event"] for event in events][-3:] == ["timing", "extremes", "completed"]
 
 
 def test_robots_that_fail_in_real_time(start):

@@ -134,6 +134,9 @@ def test_distributed_inline_and_loaded_runs_are_bit_identical(start):
         assert loaded.wait() == 1
     hashes = [run.verdict()["trajectory_sha256"] for run in (distributed, inline, loaded)]
     assert len(set(hashes)) == 1
+    assert distributed.verdict()["motion"]["closest"] is not None
+    for run in (inline, loaded):
+        assert run.verdict()["motion"] == distributed.verdict()["motion"]
     tables = [pq.read_table(run.out / "links.parquet") for run in (distributed, inline, loaded)]
     assert tables[0].num_rows == 10 * 61
     assert tables[0].equals(tables[1])
@@ -175,6 +178,7 @@ def test_faults_are_the_same_in_a_distributed_an_inline_and_a_loaded_run(start):
         codes.append(runs[-1].wait())
     assert codes == [1, 1, 1]  # too short for the claims
     assert len({run.verdict()["trajectory_sha256"] for run in runs}) == 1
+    assert len({str(run.verdict()["motion"]) for run in runs}) == 1
     tables = [pq.read_table(run.out / "links.parquet") for run in runs]
     assert tables[0].equals(tables[1])
     assert tables[0].equals(tables[2])
@@ -295,7 +299,7 @@ def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     hashes = []
     for run in (interpreted, compiled):
         assert run.wait() == 1  # too short for the claims
-        hashes.append(run.verdict()["trajectory_sha256"])
+        hashes.append((run.verdict()["trajectory_sha256"], run.verdict()["motion"]))
         assert run.verdict()["versions"]["compiled"] == (run is compiled)
     assert hashes[0] == hashes[1]
 
@@ -353,6 +357,7 @@ def test_killed_plant_ends_the_run(start):
     run.child("plant").kill()
     assert run.wait(30) == 3
     assert "the plant was killed by signal 9" in run.output()
+    assert run.verdict()["motion"] is None
     pq.read_table(run.out / "states.parquet")
 
 
@@ -367,6 +372,7 @@ def test_interrupt_stops_everything_within_two_seconds(start, mode):
     assert time.monotonic() - begin < 2.0
     assert not [child for child in children if child.is_running()]
     assert run.verdict()["outcome"]["kind"] == "interrupted"
+    assert [e["event"] for e in run.events()][-2:] == ["extremes", "interrupted"]
     assert pq.read_table(run.out / "states.parquet").num_rows % 5 == 0
     assert "Traceback" not in run.output()
 

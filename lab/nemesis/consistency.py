@@ -2,7 +2,8 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import combinations, groupby, pairwise
+from math import hypot
 
 from lab.recording import Collected
 from netem.link import CORRUPTED, DELIVERED, DUPLICATED
@@ -16,6 +17,7 @@ def inconsistencies(run: Collected) -> Iterator[str]:
     yield from _samples(run)
     yield from _messages(run)
     yield from _events(run)
+    yield from _motion(run)
 
 
 def _samples(run: Collected) -> Iterator[str]:
@@ -117,6 +119,30 @@ def _events(run: Collected) -> Iterator[str]:
         lost = [f"robot {e.details['robot']} ({e.details['reason']})" for e in events
                 if e.kind == "lost"]  # fmt: skip
         yield f"lost without a plan: {', '.join(lost)}"
+
+
+def _motion(run: Collected) -> Iterator[str]:
+    """Its extremes are told once, and no sample is beyond them."""
+    told = [event.details for event in run.events if event.kind == "extremes"]
+    if len(told) != 1:
+        yield f"motion: its extremes must be told once, and are {len(told)} times"
+        return
+    for row in run.samples:
+        for name, size in (("speed_mps", row.speed_mps), ("turn_rate_radps", row.turn_rate_radps)):
+            most = told[0]["top_" + name.rpartition("_")[0]][name]
+            if abs(size) > most:
+                yield f"motion: {name} {size} of robot {row.robot} at {row.t_ns} ns is above {most}"
+                return
+    closest = told[0]["closest"]
+    for t_ns, rows in groupby(run.samples, lambda row: row.t_ns):
+        for one, other in combinations(rows, 2):
+            distance_m = hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+            if closest is None or distance_m < closest["distance_m"]:
+                yield (
+                    f"motion: robots {one.robot} and {other.robot} are {distance_m} m apart at "
+                    f"{t_ns} ns, closer than what is told: {closest}"
+                )
+                return
 
 
 def _few(what: str, items: "list[str] | map[str]") -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from formation.scenario import Scenario
 from formation.theory import CLAIMS
 from lab import verdict
-from lab.difference import first_difference
+from lab.difference import first_difference, other_extremes
 from lab.execution import execute
 from lab.nemesis.consistency import inconsistencies
 from lab.nemesis.schedule import Episode, scheduled
@@ -98,6 +98,8 @@ def _differences(first: Collected, second: Collected) -> list[str]:
         first.sorted_link_rows, second.sorted_link_rows, period_ns
     )
     problems = [] if found is None else [f"not deterministic: first at {found}"]
+    if (moved := other_extremes(first.motion, second.motion)) is not None:
+        problems.append(f"not deterministic: motion, {moved}")
     refused = [verdict.rejections(run) for run in (first, second)]
     if refused[0] != refused[1]:
         problems.append(f"not deterministic: refused messages {refused[0]} and {refused[1]}")
