@@ -30,7 +30,7 @@ bench: $(VENV)/.bench
 
 reference: $(VENV)/.base
 	$(BIN)/formnet schema --out configs/scenario.schema.json
-	$(BIN)/python -m lab.reference docs/scenario.md
+	$(BIN)/python -m formnet.lab.scenarios.reference docs/scenario.md
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

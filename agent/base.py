@@ -10,8 +10,10 @@ from collections.abc import Callable, Mapping, Set
 from numbers import Real
 from typing import Any, NamedTuple
 
-from agent.law import RAISED, Command, Law, failure
-from formation.messages import (
+from formnet.agent.law import RAISED, Command, Law, failure
+from formnet.formation.plan.roster import Roster
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.messages import (
     Broadcast,
     Drive,
     Envelope,
@@ -22,12 +24,10 @@ from formation.messages import (
     make,
     run_tag,
 )
-from formation.record import LinkRow
-from formation.roster import Roster
-from formation.scenario import Scenario
-from netem.link import IN_FLIGHT, Transit
-from netem.tables import nanoseconds
-from netem.timeline import NEVER
+from formnet.formation.wire.record import LinkRow
+from formnet.netem.core.link import IN_FLIGHT, Transit
+from formnet.netem.files.tables import nanoseconds
+from formnet.netem.settings.timeline import NEVER
 
 
 def pair(command: Any) -> Command:

@@ -23,9 +23,9 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from formation.messages import Stamped, State
-from formation.scenario import LawSettings, Scenario, Vehicle
-from netem.problems import nearest
+from formnet.formation.scenario.model import LawSettings, Scenario, Vehicle
+from formnet.formation.wire.messages import Stamped, State
+from formnet.netem.files.problems import nearest
 
 _CALLERS = {
     *(Path(__file__).resolve().parents[1] / name for name in ("agent", "lab")),

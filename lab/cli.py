@@ -1,4 +1,4 @@
-"""The command ``formnet``; :mod:`lab.exits` has its exit codes.
+"""The command ``formnet``; :mod:`lab.runs.exits` has its exit codes.
 
 Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
@@ -9,15 +9,15 @@ from typing import NoReturn
 
 import click
 
-from lab.build import install, stale
-from lab.completion import run_folders, toml_files
-from lab.exits import in_words
-from lab.exits import of as code_of
-from lab.options import Number, Whole
+from formnet.lab.commands.completion import run_folders, toml_files
+from formnet.lab.commands.options import Number, Whole
+from formnet.lab.runs.build import install, stale
+from formnet.lab.runs.exits import in_words
+from formnet.lab.runs.exits import of as code_of
 
 
 def _scenario(_: click.Context, __: click.Parameter, argument: str) -> Path:
-    from lab.scenarios import find
+    from formnet.lab.scenarios.packaged import find
 
     try:
         return find(argument)
@@ -184,8 +184,8 @@ def run(
         raise click.UsageError(
             "--inline is over before one can look: afterwards, formnet replay RUN shows it"
         )
-    from lab.place import Where
-    from lab.run import run_scenario
+    from formnet.lab.commands.run import run_scenario
+    from formnet.lab.machines.place import Where
 
     where = Where(hosts, keys, plaintext, router)
     shown = _view(view=view, web=web)
@@ -235,12 +235,12 @@ def monitor(
         _fail(2, f"--save: {save} exists already")
     import threading
 
-    from formation.bus import BusError
-    from formation.process import on_stop
-    from formation.security import KeysError
-    from lab.live import find
-    from lab.monitor import NoRun, Source, watch
-    from lab.viewer import ViewerFailed
+    from formnet.formation.wire.bus import BusError
+    from formnet.formation.wire.process import on_stop
+    from formnet.formation.wire.security import KeysError
+    from formnet.lab.launch.live import find
+    from formnet.lab.scene.viewer import ViewerFailed
+    from formnet.lab.watch.monitor import NoRun, Source, watch
 
     stopped = threading.Event()
     on_stop(stopped.set, at_end_of_input=leash)
@@ -268,10 +268,10 @@ def replay(folder: Path, speed: float, view: bool, web: bool) -> None:
 
     RUN is its folder. Without --web it opens a window.
     """
-    from formation.loading import ScenarioError
-    from lab.replay import NoScene
-    from lab.replay import replay as show
-    from lab.viewer import ViewerFailed
+    from formnet.formation.scenario.loading import ScenarioError
+    from formnet.lab.scene.viewer import ViewerFailed
+    from formnet.lab.watch.replay import NoScene
+    from formnet.lab.watch.replay import replay as show
 
     shown = _view(view=view, web=web)
     try:
@@ -285,7 +285,7 @@ def replay(folder: Path, speed: float, view: bool, web: bool) -> None:
 @OVERRIDE
 def check(scenario: Path, overrides: tuple[str, ...]) -> None:
     """Validate SCENARIO; say what the theory makes of it."""
-    from lab.check import check_scenario
+    from formnet.lab.commands.check import check_scenario
 
     sys.exit(check_scenario(scenario, overrides))
 
@@ -358,7 +358,7 @@ def new(
     the number of robots. A file is never overwritten. scenario.schema.json is put beside it, by
     which editors complete and check.
     """
-    from lab.new import CannotWrite, Wish, write
+    from formnet.lab.scenarios.new import CannotWrite, Wish, write
 
     try:
         path = write(Wish(name, robots, pattern, graph, network, spacing_m, seed, mode), out)
@@ -375,8 +375,8 @@ def new(
 )
 def schema(out: Path | None) -> None:
     """Print the JSON Schema of scenarios, for editors."""
-    from lab import files
-    from lab.schema import text
+    from formnet.lab.runs import files
+    from formnet.lab.scenarios.schema import text
 
     if out is None:
         click.echo(text(), nl=False)
@@ -397,7 +397,7 @@ def completion(shell: str) -> None:
     zsh:  echo 'eval "$(formnet completion zsh)"' >> ~/.zshrc
     fish: formnet completion fish > ~/.config/fish/completions/formnet.fish
     """
-    from lab.completion import script
+    from formnet.lab.commands.completion import script
 
     click.echo(script(main, shell))
 
@@ -411,7 +411,7 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
     Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
     2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
     """
-    from lab.verify import verify_runs
+    from formnet.lab.commands.verify import verify_runs
 
     sys.exit(verify_runs(folders, inline=not distributed))
 
@@ -420,7 +420,7 @@ def verify(folders: tuple[Path, ...], distributed: bool) -> None:
 @RUNS
 def report(folders: tuple[Path, ...]) -> None:
     """Make report.html again, from a run's folder."""
-    from lab.report import report_runs
+    from formnet.lab.pages.report import report_runs
 
     sys.exit(report_runs(folders))
 
@@ -435,7 +435,7 @@ def report(folders: tuple[Path, ...]) -> None:
 )
 def plot(folder: Path, out: Path | None) -> None:
     """Draw a run's figures again, from its folder."""
-    from lab.plot import plot_run
+    from formnet.lab.commands.plot import plot_run
 
     sys.exit(plot_run(folder, out))
 
@@ -457,7 +457,7 @@ def compare(folders: tuple[Path, ...], out: Path | None) -> None:
     """
     if len(folders) < 2:
         raise click.UsageError("compare needs two runs or more")
-    from lab.compare import compare_runs
+    from formnet.lab.commands.compare import compare_runs
 
     sys.exit(compare_runs(folders, out))
 
@@ -478,7 +478,7 @@ def export(folder: Path, kind: str, out: Path | None) -> None:
 
     What is there is never overwritten.
     """
-    from lab.export import export_run
+    from formnet.lab.commands.export import export_run
 
     sys.exit(export_run(folder, kind, out))
 
@@ -488,7 +488,7 @@ def export(folder: Path, kind: str, out: Path | None) -> None:
 @click.option("--json", "as_json", is_flag=True, help="For other programs.")
 def list_(folder: Path, as_json: bool) -> None:
     """List the runs in DIR (runs/), newest first."""
-    from lab.runs import list_runs
+    from formnet.lab.pages.listing import list_runs
 
     sys.exit(list_runs(folder, as_json=as_json))
 
@@ -528,7 +528,7 @@ def claims(
     130: interrupted (what is complete is written).
     """
     _need_inline(jobs, inline=inline)
-    from lab.claims.command import list_claims, run_claims
+    from formnet.lab.commands.claims import list_claims, run_claims
 
     sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, inline=inline))
 
@@ -580,7 +580,7 @@ def nemesis(
     3: the nemesis itself broke; 130: interrupted.
     """
     _need_inline(jobs, inline=inline)
-    from lab.nemesis.command import run_nemesis
+    from formnet.lab.commands.nemesis import run_nemesis
 
     sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
 
@@ -595,7 +595,7 @@ def doctor(hosts: Path | None, keys: Path | None) -> None:
 
     Exit code 0: all is well; 2: bad usage; 3: something is not well.
     """
-    from lab.doctor import examine
+    from formnet.lab.commands.doctor import examine
 
     sys.exit(examine(hosts, keys))
 
@@ -621,7 +621,7 @@ def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
     Private keys have mode 0600, and nothing is ever overwritten: run it again for more robots.
     """
     try:
-        from lab.keys import KeysExist, make, robots_of
+        from formnet.lab.machines.keys import KeysExist, make, robots_of
     except ImportError:
         _fail(2, f"keys need the package cryptography: {install('hosts')}")
     try:
@@ -641,8 +641,8 @@ def keys_init(folder: Path, robots: str, hosts: str, days: int) -> None:
 @main.command()
 def laws() -> None:
     """List the control laws that law.kind can name."""
-    from agent.law import installed
-    from lab.foresight import unusable
+    from formnet.agent.law import installed
+    from formnet.lab.forecast.foresight import unusable
 
     for name, entry in installed().items():
         source = f"  ({entry.dist.name} {entry.dist.version})" if entry.dist else ""
@@ -655,7 +655,7 @@ def laws() -> None:
 @main.command()
 def scenarios() -> None:
     """List the scenarios that come along."""
-    from lab.scenarios import described
+    from formnet.lab.scenarios.packaged import described
 
     for name, description in described():
         click.echo(f"{name:24} {description}")
@@ -692,7 +692,7 @@ def netem_bridge(first: str, second: str, keys: str, network: Path, control: str
     Until Ctrl-C. Carries publications (put, delete), queries and replies that match --key, both
     ways.
     """
-    from lab.bridge import run_bridge
+    from formnet.lab.commands.bridge import run_bridge
 
     sys.exit(run_bridge(first, second, keys, network, control))
 
@@ -717,13 +717,13 @@ def agent(
     lease_s: float,
 ) -> None:
     """Be one robot of a run."""
-    from formation import threads
+    from formnet.formation.wire import threads
 
     if lease_s < LONGEST_LEASE_S:  # one that is gone must not hold up the others
         threads.many()
-    from agent.process import main as agent_main
-    from formation.bus import BusError
-    from formation.security import KeysError
+    from formnet.agent.process import main as agent_main
+    from formnet.formation.wire.bus import BusError
+    from formnet.formation.wire.security import KeysError
 
     try:
         sys.exit(
@@ -790,15 +790,15 @@ def plant(
     """
     if (listen is None) == (connect is None):
         raise click.UsageError("needs --listen or --connect, and not both")
-    from formation import threads
+    from formnet.formation.wire import threads
 
     if lease_s < LONGEST_LEASE_S:
         threads.many()
-    from formation.bus import BusError
-    from formation.loading import ScenarioError, load, loads
-    from formation.process import read_scenario
-    from formation.security import KeysError
-    from plant.process import main as plant_main
+    from formnet.formation.scenario.loading import ScenarioError, load, loads
+    from formnet.formation.wire.bus import BusError
+    from formnet.formation.wire.process import read_scenario
+    from formnet.formation.wire.security import KeysError
+    from formnet.plant.process import main as plant_main
 
     try:
         if scenario is None:
@@ -845,6 +845,6 @@ def _fail(code: int, text: str) -> NoReturn:
 
 
 if __name__ == "__main__":
-    from lab.__main__ import main as program
+    from formnet.lab.program import main as program
 
     program()

@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass, field
 from math import cos, sin
 
-from formation.messages import State, make
-from formation.scenario import Plant, Vehicle
+from formnet.formation.scenario.model import Plant, Vehicle
+from formnet.formation.wire.messages import State, make
 
 # Gauss-Legendre collocation with three stages, order 6 (Hairer, Nørsett, Wanner,
 # Solving Ordinary Differential Equations I, section II.7): nodes and weights on

@@ -7,8 +7,8 @@ import pytest
 from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
-from lab.cli import main
-from lab.scenarios import packaged
+from formnet.lab.cli import main
+from formnet.lab.scenarios.packaged import packaged
 
 
 @pytest.fixture(autouse=True)
@@ -38,7 +38,7 @@ def completed(*words):
 
 
 def test_the_help_shows_every_command_once_and_whole():
-    from lab.cli import SECTIONS
+    from formnet.lab.cli import SECTIONS
 
     assert sorted(sum(SECTIONS.values(), ())) == sorted(main.commands)
     shown = CliRunner().invoke(main, ["--help"], terminal_width=80).output

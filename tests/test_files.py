@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 from conftest import missing
 
-from lab import files
-from lab.cli import main
-from lab.export import write_mcap
-from lab.schema import FILE
+from formnet.lab.cli import main
+from formnet.lab.commands.export import write_mcap
+from formnet.lab.runs import files
+from formnet.lab.scenarios.schema import FILE
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def limited(limit, code, *arguments):
     )  # fmt: skip
 
 
-COMMAND = "import sys; sys.dont_write_bytecode = True; from lab.cli import main; main()"
+COMMAND = "import sys; sys.dont_write_bytecode = True; from formnet.lab.cli import main; main()"
 
 
 # --- new files --------------------------------------------------------------------------------

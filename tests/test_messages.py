@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation import messages, record
-from formation.messages import (
+from formnet.formation.wire import messages, record
+from formnet.formation.wire.messages import (
     BROADCAST_BYTES,
     Ask,
     Begin,
@@ -41,8 +41,8 @@ from formation.messages import (
     run_tag,
     sealed,
 )
-from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
-from netem.link import FATES
+from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
+from formnet.netem.core.link import FATES
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 integers = st.integers(-(2**63), 2**63 - 1)

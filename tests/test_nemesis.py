@@ -11,17 +11,17 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation.loading import load
-from formation.record import Event
-from lab import inline
-from lab.cli import main
-from lab.nemesis import command
-from lab.nemesis.consistency import inconsistencies
-from lab.nemesis.schedule import draw, scheduled
-from lab.nemesis.shrink import shrunk
-from lab.nemesis.trial import Trial, tried
-from lab.recording import Collected
-from netem.timeline import NEVER
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire.record import Event
+from formnet.lab.cli import main
+from formnet.lab.commands import nemesis as command
+from formnet.lab.launch import inline
+from formnet.lab.nemesis.consistency import inconsistencies
+from formnet.lab.nemesis.schedule import draw, scheduled
+from formnet.lab.nemesis.shrink import shrunk
+from formnet.lab.nemesis.trial import Trial, tried
+from formnet.lab.runs.recording import Collected
+from formnet.netem.settings.timeline import NEVER
 
 MS = 1_000_000
 SEED = 11

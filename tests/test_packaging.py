@@ -13,9 +13,9 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from formation.loading import load
-from lab.cli import main
-from lab.scenarios import CONFIGS, find, packaged
+from formnet.formation.scenario.loading import load
+from formnet.lab.cli import main
+from formnet.lab.scenarios.packaged import CONFIGS, find, packaged
 
 PARTS = ("agent", "configs", "formation", "lab", "netem", "plant")
 
@@ -67,7 +67,7 @@ def test_an_unknown_scenario_is_told_what_is_near(command):
 
 def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "asyncssh", None)
-    monkeypatch.delitem(sys.modules, "lab.hosts", raising=False)
+    monkeypatch.delitem(sys.modules, "formnet.lab.machines.hosts", raising=False)
     assert formnet("doctor").exit_code == 0
     hosts = tmp_path / "hosts.toml"
     hosts.write_text(

@@ -10,7 +10,7 @@ import psutil
 import pytest
 from rich.console import Console
 
-from lab import pool
+from formnet.lab.launch import pool
 
 
 def squared(item, stopped):

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agent.law import Command, LawFailed
-from agent.robot import Outgoing, Robot
-from formation.messages import (
+from formnet.agent.law import Command, LawFailed
+from formnet.agent.robot import Outgoing, Robot
+from formnet.formation.wire.messages import (
     HELLO,
     Broadcast,
     Drive,
@@ -31,7 +31,7 @@ from formation.messages import (
     run_tag,
     sealed,
 )
-from netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
+from formnet.netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
 
 MS = 1_000_000
 RUN = "the-run"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from lab.claim_words import EQUATIONS
-from lab.claims.claim import Case, Claim
+from formnet.lab.claims.claim import Case, Claim
+from formnet.lab.judge.claim_words import EQUATIONS
 
 HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
 

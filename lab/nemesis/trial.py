@@ -7,15 +7,15 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
-from formation.scenario import Scenario
-from formation.theory import CLAIMS
-from lab import verdict
-from lab.difference import first_difference, other_extremes
-from lab.execution import execute
-from lab.nemesis.consistency import inconsistencies
-from lab.nemesis.schedule import Episode, scheduled
-from lab.pool import Stopped
-from lab.recording import Collected, Recording, trajectory_sha256
+from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.judge import verdict
+from formnet.lab.launch.execution import execute
+from formnet.lab.launch.pool import Stopped
+from formnet.lab.nemesis.consistency import inconsistencies
+from formnet.lab.nemesis.schedule import Episode, scheduled
+from formnet.lab.runs.difference import first_difference, other_extremes
+from formnet.lab.runs.recording import Collected, Recording, trajectory_sha256
 
 
 class Trial(NamedTuple):

@@ -1,0 +1,1 @@
+"""The commands of ``formnet``, one file each."""

@@ -1,0 +1,204 @@
+"""``formnet nemesis``: random schedules against a scenario, and what fails made small."""
+
+import json
+import shlex
+import time
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from formnet.formation.scenario.loading import ScenarioError, dumps
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.commands.run import load_checked, report_problems, warn
+from formnet.lab.launch import pool
+from formnet.lab.launch.signals import stop_signals
+from formnet.lab.nemesis.schedule import Episode, describe, draw, scheduled
+from formnet.lab.nemesis.shrink import shrunk
+from formnet.lab.nemesis.trial import Finding, Trial, tried
+from formnet.lab.runs import files
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
+from formnet.lab.runs.exits import of as code_of
+from formnet.lab.runs.folders import claimed, fresh_folder
+
+SAMPLE_EVERY = 10
+"""Of inline runs, every so many-th is run twice; every distributed one is run inline as well."""
+CHAOS_SHARE = 0.25
+"""The share of a run in which things go wrong; the rest is for recovery."""
+MOST_TRIALS = 150
+"""How many runs shrinking may take ..."""
+MOST_SHRINKING_S = 600.0
+"""... and how long."""
+
+
+def run_nemesis(
+    path: Path, overrides: tuple[str, ...], runs: int, seed: int, out: Path | None,
+    limit_s: float, jobs: int | None, *, inline: bool,
+) -> int:  # fmt: skip
+    """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
+    console = Console(stderr=True, highlight=False)
+    try:
+        scenario, warnings = load_checked(path, overrides, console)
+    except ScenarioError as error:
+        report_problems(console, error)
+        return BAD_INPUT
+    warn(console, warnings)
+    refused = _unfit(scenario)
+    if refused is not None:
+        console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
+        return BAD_INPUT
+    repeat = _repeat(path, overrides, limit_s, inline=inline)
+    try:
+        folder = claimed(out, "nemesis", partial(fresh_folder, first="command.txt"))
+        files.replace(folder / "command.txt", f"{repeat} {seed}\n")
+    except OSError as error:
+        console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
+    trials = [
+        Trial(
+            scenario, number, draw(scenario, number, CHAOS_SHARE * scenario.duration_s),
+            inline, not inline or number % SAMPLE_EVERY == 0, limit_s,
+        )
+        for number in range(seed, seed + runs)
+    ]  # fmt: skip
+    done: dict[int, Finding] = {}
+    failed = None
+    with stop_signals() as stopped:
+        if inline:
+            found = pool.at_once(tried, trials, stopped.is_set, jobs)
+        else:  # every run has all cores
+            found = pool.in_turn(tried, trials, stopped.is_set)
+        try:
+            for trial, finding in pool.shown(console, found, len(trials), "seed {0.seed}".format):
+                if stopped.is_set():
+                    break
+                done[trial.seed] = finding
+                if finding.problems:
+                    _report(console, folder, trial, finding, repeat, stopped.is_set)
+        except pool.WorkFailed as error:
+            failed = str(error)
+        except OSError as error:
+            failed = in_words(error)
+    _summarise(console, folder, trials, done)
+    try:
+        _write(folder, [(trial, done[trial.seed]) for trial in trials if trial.seed in done])
+    except OSError as error:
+        failed = failed or in_words(error)
+    if failed is not None:
+        console.print(f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}")
+        return BROKEN
+    if len(done) < len(trials):
+        return INTERRUPTED
+    return ONE_FAILS if any(finding.problems for finding in done.values()) else ALL_HOLD
+
+
+def _unfit(scenario: Scenario) -> str | None:
+    """Why a scenario is none for the nemesis, or None."""
+    if scenario.clock.mode == "realtime":
+        return 'clock.mode = "realtime": must be "lockstep", in which runs repeat to the bit'
+    if scenario.timeline:
+        return "timeline: must be empty: the nemesis makes its own (--set timeline=[])"
+    if scenario.run.on_unscheduled_loss == "abort":
+        return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
+    if not scenario.directed_links:
+        return "formation.edges = []: needs an edge: what fails is links, too"
+    expect = scenario.expect
+    if expect is None or not (expect.formation or expect.heading or expect.centroid):
+        return "expect: must claim formation, heading or centroid, to say what recovery is"
+    return None
+
+
+def _repeat(path: Path, overrides: Sequence[str], limit_s: float, *, inline: bool) -> str:
+    """The command that repeats one run, up to its seed."""
+    words = ["formnet", "nemesis", str(path)]
+    words += [word for text in overrides for word in ("--set", text)]
+    words += ["--inline"] if inline else []
+    return shlex.join([*words, "--limit", f"{limit_s:g}", "--runs", "1", "--seed"])
+
+
+def _report(
+    console: Console, folder: Path, trial: Trial, finding: Finding, repeat: str,
+    stopped: pool.Stopped,
+) -> None:  # fmt: skip
+    """Say what failed and how to repeat it, then shrink it and write that down."""
+    console.print(f"[red]seed {trial.seed} fails:[/]")
+    for problem in finding.problems:
+        console.print(f"  {escape(problem)}", soft_wrap=True)
+    console.print(f"  repeat it: {escape(repeat)} {trial.seed}", soft_wrap=True)
+    console.print(f"  shrinking its {len(trial.episodes)} episodes, for {MOST_SHRINKING_S / 60:g} "
+                  "minutes at most …", soft_wrap=True)  # fmt: skip
+    least = _shrunk(trial, finding, stopped)
+    place = folder / f"seed-{trial.seed}"
+    place.mkdir()
+    for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
+        scenario = scheduled(trial.scenario, trial.seed, episodes)
+        files.write_new(place / f"{name}.toml", dumps(scenario))
+    lines = list(describe(least))
+    text = "\n".join([*finding.problems, "", "shrunk to:", *lines])
+    files.write_new(place / "problems.txt", text + "\n")
+    console.print(f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
+                  f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
+    for line in lines or ["(none: it fails without any)"]:
+        console.print(f"    {escape(line)}", soft_wrap=True)
+
+
+def _shrunk(trial: Trial, finding: Finding, stopped: pool.Stopped) -> list[Episode]:
+    """The least of a failing schedule that fails alike, in one process if it does so there too."""
+    trials = 0
+    deadline = time.monotonic() + MOST_SHRINKING_S
+
+    def fails(episodes: Sequence[Episode], *, inline: bool) -> bool:
+        nonlocal trials
+        trials += 1
+        if trials > MOST_TRIALS or over():
+            return False
+        smaller = trial._replace(episodes=episodes, inline=inline, twice=True)
+        return finding.kinds <= tried(smaller, over).kinds and not over()
+
+    def over() -> bool:
+        return stopped() or time.monotonic() > deadline
+
+    inline = trial.inline or fails(trial.episodes, inline=True)
+
+    def shorter(episode: Episode) -> Episode | None:
+        return episode.shorter() if episode.end_s - episode.begin_s > 0.02 else None
+
+    return shrunk(trial.episodes, lambda some: fails(some, inline=inline), shorter)
+
+
+def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:
+    rows: list[dict[str, Any]] = [
+        {
+            "seed": trial.seed,
+            "mode": "inline" if trial.inline else "distributed",
+            "run_twice": trial.twice,
+            "episodes": [episode.entries()[0] for episode in trial.episodes],
+            **finding._asdict(),
+        }
+        for trial, finding in done
+    ]
+    text = json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False)
+    files.write_new(folder / "nemesis.json", text + "\n")
+
+
+def _summarise(
+    console: Console, folder: Path, trials: Sequence[Trial], done: dict[int, Finding]
+) -> None:
+    tried_seeds = [trial for trial in trials if trial.seed in done]
+    if tried_seeds:
+        failed = [seed for seed, finding in sorted(done.items()) if finding.problems]
+        kinds = Counter(e.action["action"] for trial in tried_seeds for e in trial.episodes)
+        twice = sum(trial.twice for trial in tried_seeds)
+        compared = f"; {twice} of them run twice and compared" if twice else ""
+        told = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+        console.print(
+            f"{len(tried_seeds)} runs, seeds {tried_seeds[0].seed} to {tried_seeds[-1].seed} "
+            f"({told}){compared}: "
+            + (f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}" if failed
+               else "[green]all terminate, are consistent and recover[/]"), soft_wrap=True,
+        )  # fmt: skip
+    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
