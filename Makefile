@@ -50,4 +50,4 @@ $(VENV)/.bench: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	@touch $@ $(VENV)/.base
 
 clean:
-	rm -rf $(VENV) *.egg-info build site *.so */*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) *.egg-info build site *.so */*.so */*/*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -417,7 +417,7 @@ def _label(stream: rr.RecordingStream, entity: str, name: str, colour: int | Non
 
 
 def _both_ways(scenario: Scenario, edge_bows: Array) -> Array:
-    """How far each directed link bends, given that of each edge (:func:`~lab.figures.canvas.bows`)."""
+    """How far each directed link bends, given that of each edge (:func:`bows`)."""
     both = {}
     for (first, second), bow in zip(scenario.formation.edges, edge_bows, strict=True):
         both[first, second], both[second, first] = bow, -bow
