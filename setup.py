@@ -7,8 +7,16 @@ the environment nothing is compiled, and the wheel is for every machine.
 
 import os
 import sys
+from pathlib import Path
 
 from setuptools import Extension, setup
+
+for link in Path("formnet").iterdir():
+    if link.is_file() and link.suffix == "" and link.name != "py.typed":
+        sys.exit(
+            f"{link} is a text file where a symbolic link should be: this checkout was made "
+            "without them. After `git config core.symlinks true`, `git checkout -- formnet` makes them."
+        )
 
 HOT = [
     "formnet/agent/base.py",
