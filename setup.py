@@ -15,7 +15,7 @@ for link in Path("formnet").iterdir():
     if link.is_file() and link.suffix == "" and link.name != "py.typed":
         sys.exit(
             f"{link} is a text file where a symbolic link should be: this checkout was made "
-            "without them. After `git config core.symlinks true`, `git checkout -- formnet` makes them."
+            "without them. `git config core.symlinks true` and `git checkout -- formnet` make them."
         )
 
 HOT = [
