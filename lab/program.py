@@ -32,6 +32,7 @@ def main() -> NoReturn:
 
         with lenient() as trouble:
             code = _command()
+            signal.signal(signal.SIGINT, lambda *_: os._exit(code))  # it is over already
         for error in trouble:
             code = code or BROKEN
             os.write(2, f"what was printed is not complete: {in_words(error)}\n".encode())

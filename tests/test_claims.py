@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import networkx as nx
 import pytest
@@ -368,8 +367,8 @@ def test_results_that_cannot_be_written_are_told_and_the_table_still_shown(tmp_p
     case = Case("short", "paper/theorem2.toml", ("duration_s=0.5",), ALL_HOLD)
     claim = Claim("mine", "says", "where", "should", (case,))
     monkeypatch.setattr(command, "catalogue", lambda: [claim])
-    monkeypatch.setattr(command, "files", SimpleNamespace(write_new=no_room))
+    monkeypatch.setattr(command.files, "write_new", no_room)
     code, said = formnet("claims", "--inline", "--out", tmp_path / "out")
     assert code == 3
     assert "mine" in said
-    assert f"No space left on device: '{tmp_path / 'out' / 'claims.md'}'" in said
+    assert f"{tmp_path / 'out' / 'claims.json'}: No space left on device" in said

@@ -4,7 +4,6 @@ import json
 import random
 from copy import deepcopy
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -345,7 +344,7 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
     def no_room(path, data):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(command, "files", SimpleNamespace(write_new=no_room))
+    monkeypatch.setattr(command.files, "write_new", no_room)
     code, said = formnet(
         "nemesis", root / "configs" / "paper" / "section5-delay.toml", "--inline", "--runs", 1,
         "--set", "duration_s=0.5", "--set", "expect={formation=true, formation_tolerance_m=1e6}",
@@ -353,7 +352,7 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
     )  # fmt: skip
     assert code == 3
     assert "all terminate, are consistent and recover" in said
-    assert f"No space left on device: '{tmp_path / 'out' / 'nemesis.json'}'" in said
+    assert f"{tmp_path / 'out' / 'nemesis.json'}: No space left on device" in said
 
 
 def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):

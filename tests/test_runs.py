@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -291,10 +292,8 @@ def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     if not build.compiled():
         missing("gcc")
     for package in ("agent", "formation", "lab", "netem", "plant"):
-        for source in (root / package).glob("*.py"):
-            target = tmp_path / "source" / package / source.name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(source.read_bytes())
+        shutil.copytree(root / package, tmp_path / "source" / package,
+                        ignore=shutil.ignore_patterns("*.so"))  # fmt: skip
     short = ("--inline", "duration_s=0.6", *RANDOM_NETWORK)
     alone = {"PYTHONPATH": str(tmp_path / "source"), "PYTHONSAFEPATH": "1"}
     interpreted = start("interpreted", *short, env=alone)

@@ -98,8 +98,8 @@ def test_check_and_run_warn_with_numbers_that_help(root, tmp_path):
     beta = checked.partition(advice)[2].split()[0]
     assert "too long" not in said(["check"], "clock.control_period_s=0.0025")
     assert "too long" not in said(["check"], slow, f"law.beta={beta}")
-    (tmp_path / "full").touch()  # the run ends before it begins, but not before it warns
-    assert words in said(["run", "--inline", "--out", str(tmp_path)], slow)
+    (tmp_path / "file").touch()  # the run ends before it begins, but not before it warns
+    assert words in said(["run", "--inline", "--out", str(tmp_path / "file" / "below")], slow)
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit])
