@@ -18,7 +18,7 @@ from lab.canvas import COLOURS, blank, colours, dashes, save
 from lab.difference import first_difference, other_extremes
 from lab.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from lab.exits import of as code_of
-from lab.folders import fresh_folder
+from lab.folders import filled
 from lab.keypaths import by_path, shown
 from lab.recorded import Recorded, Unreadable, read_whole
 from lab.run import report_problems
@@ -61,7 +61,8 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
     compared = comparison(found)
     try:
         if out is not None:
-            _write(fresh_folder(out, "comparison.md"), compared, figure(found, compared.names))
+            with filled(out, "comparison.md"):
+                _write(out, compared, figure(found, compared.names))
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)

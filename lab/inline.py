@@ -14,7 +14,8 @@ from formation.messages import Drive
 from formation.record import Event, LinkRows, Outcome, Samples, Sink
 from formation.scenario import Scenario
 from lab import stuck
-from lab.signals import Stop, insisted
+from lab.exits import Stop
+from lab.signals import insisted
 from netem.link import IN_FLIGHT, LOST_DOWN
 from netem.timeline import NEVER
 from plant.world import World

@@ -16,6 +16,7 @@ import rerun as rr
 
 from formation.record import Record
 from formation.scenario import Scenario
+from lab.files import as_text
 from lab.lyapunov import Curve
 from lab.scene import Scene
 
@@ -89,7 +90,7 @@ class RunFile:
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         self._records: queue.SimpleQueue[tuple[Record, int]] = queue.SimpleQueue()
-        self._stream = rr.RecordingStream("formnet", recording_id=folder.resolve().name)
+        self._stream = rr.RecordingStream("formnet", recording_id=as_text(folder.resolve()))
         self._outlet = Outlet(folder / FILE)
         self._stream.save(self._outlet.path)
         self._outlet.handed_over()

@@ -13,6 +13,7 @@ from rich.table import Table
 from formation.record import Outcome
 from lab import verdict
 from lab.exits import ALL_HOLD, BAD_INPUT
+from lab.files import as_text
 from lab.recorded import Unreadable, event_lines, read_verdict
 from lab.recording import being_written
 from lab.tables import Column, output, table
@@ -48,6 +49,11 @@ class Entry(NamedTuple):
     sha256: str = ""
     note: str = ""
     settled: str = "–"
+
+    @property
+    def title(self) -> str:
+        """The name of its folder as text."""
+        return as_text(self.folder)
 
     @property
     def is_bad(self) -> bool:
@@ -192,7 +198,7 @@ def _table(entries: list[Entry]) -> Table:
         style = _STYLES.get(entry.standing, "red")
         said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
         rows.append([
-            escape(entry.folder.name), f"[{style}]{escape(entry.standing)}[/]", escape(said),
+            escape(entry.title), f"[{style}]{escape(entry.standing)}[/]", escape(said),
             entry.settled, _seconds(entry.simulated_s),
             entry.when[:16].replace("T", " "),
         ])  # fmt: skip

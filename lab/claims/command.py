@@ -28,7 +28,7 @@ from lab.execution import execute
 from lab.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import BROKEN as RUN_BROKE
 from lab.exits import of as code_of
-from lab.folders import claimed, fresh_folder
+from lab.folders import claimed, forget, fresh_folder
 from lab.recording import Collected, Recording
 from lab.scenarios import CONFIGS
 from lab.signals import stop_signals
@@ -91,6 +91,8 @@ def run_claims(
     output().print(_table(rows))
     if into is not None and len(done) == len(work):
         problems += files.attempt(partial(report.put_into, into, report.markdown(rows)))
+    if problems:
+        forget(folder, "claims.md")
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)

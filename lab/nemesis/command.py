@@ -17,7 +17,7 @@ from formation.scenario import Scenario
 from lab import files, pool
 from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from lab.exits import of as code_of
-from lab.folders import claimed, fresh_folder
+from lab.folders import claimed, forget, fresh_folder
 from lab.nemesis.schedule import Episode, describe, draw, scheduled
 from lab.nemesis.shrink import shrunk
 from lab.nemesis.trial import Finding, Trial, tried
@@ -52,8 +52,7 @@ def run_nemesis(
         return BAD_INPUT
     repeat = _repeat(path, overrides, limit_s, inline=inline)
     try:
-        folder = claimed(out, "nemesis", partial(fresh_folder, first="command.txt"))
-        files.replace(folder / "command.txt", f"{repeat} {seed}\n")
+        folder = claimed(out, "nemesis", partial(_begun, command=f"{repeat} {seed}\n"))
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
@@ -93,6 +92,17 @@ def run_nemesis(
     if len(done) < len(trials):
         return INTERRUPTED
     return ONE_FAILS if any(finding.problems for finding in done.values()) else ALL_HOLD
+
+
+def _begun(folder: Path, command: str) -> Path:
+    """A folder of results, with the command that makes them."""
+    fresh_folder(folder, "command.txt")
+    try:
+        files.replace(folder / "command.txt", command)
+    except OSError:
+        forget(folder, "command.txt")
+        raise
+    return folder
 
 
 def _unfit(scenario: Scenario) -> str | None:
