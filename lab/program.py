@@ -1,6 +1,6 @@
 """The program ``formnet``, also ``python -m formnet``: what holds for every command.
 
-Nothing heavy is imported before Ctrl-C has been seen to.
+Nothing heavy is imported before signals have been seen to.
 """
 
 import os
@@ -9,25 +9,30 @@ import sys
 from types import FrameType
 from typing import NoReturn
 
+from formnet.lab.runs.exits import BROKEN, INTERRUPTED, Stop, in_words
+
 _IMPORTING = "<frozen importlib"
 
 
-def _interrupted(_: int, frame: FrameType | None) -> None:
-    """Ctrl-C: KeyboardInterrupt, but in an import, which might swallow that, the end at once."""
+def _end(_: int, frame: FrameType | None) -> None:
+    """A signal to end before a command has its own way: Stop, but in an import the end at once.
+
+    What is imported may catch anything, and nothing has been begun there.
+    """
     while frame is not None:
         if frame.f_code.co_filename.startswith(_IMPORTING):
-            os._exit(130)
+            os._exit(INTERRUPTED)
         frame = frame.f_back
-    raise KeyboardInterrupt
+    raise Stop
 
 
 def main() -> NoReturn:
     """Run the command line; the exit codes are those of :mod:`lab.runs.exits`."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupted)
-    code = 130
+    for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(kind) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(kind, _end)
+    code = INTERRUPTED
     try:
-        from formnet.lab.runs.exits import BROKEN, in_words
         from formnet.lab.streams import lenient
 
         with lenient() as trouble:
@@ -36,7 +41,7 @@ def main() -> NoReturn:
         for error in trouble:
             code = code or BROKEN
             os.write(2, f"what was printed is not complete: {in_words(error)}\n".encode())
-    except (KeyboardInterrupt, OSError):  # not even standard error can be written
+    except (KeyboardInterrupt, Stop, OSError):  # OSError: not even standard error takes it
         pass
     sys.exit(code)
 
@@ -47,18 +52,16 @@ def _command() -> int:
 
     import click
 
-    from formnet.lab.runs.exits import BAD_INPUT, BROKEN, INTERRUPTED, in_words
+    from formnet.lab.runs.exits import BAD_INPUT
 
     try:
         from formnet.lab.cli import main as group
 
         code = group.main(prog_name="formnet", standalone_mode=False)
-    except click.Abort:
-        return INTERRUPTED
     except click.ClickException as error:
         error.show()
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except (click.Abort, KeyboardInterrupt, Stop):
         return INTERRUPTED
     except SystemExit as end:
         code = end.code

@@ -100,7 +100,8 @@ def readable(folder: Path) -> set[str]:
     names = {item.name for item in folder.iterdir()}
     assert not [name for name in names if name.startswith(".")], names
     for name in names & {STATES, LINKS}:
-        pq.read_table(folder / name)
+        with (folder / name).open("rb") as stream:
+            pq.read_table(stream)
     if "verdict.json" in names:
         read_verdict(folder)
     if "events.jsonl" in names:
@@ -415,3 +416,72 @@ def test_an_out_that_exists_is_refused_before_the_law_is_tried(tmp_path):
     assert code == BAD_INPUT
     assert "exists already" in text
     assert time.monotonic() - began < 20.0
+
+
+def test_a_signal_before_the_first_tick_ends_a_run_as_interrupted(tmp_path):
+    """While its law is tried, inline; while its plant is on its way, distributed."""
+    seed = random.randrange(2**32)
+    print(f"seed {seed}")
+    draw = random.Random(seed)
+    for number in range(8):
+        engine = ["--inline"] if number % 2 else []
+        out = tmp_path / f"run-{number}"
+        process = started(["run", "section5-delay", *engine, "--no-figures", "--set",
+                           "duration_s=300", "--out", out], tmp_path, environment(),
+                          subprocess.DEVNULL)  # fmt: skip
+        if not engine:
+            while not (out / "scenario.toml").exists():
+                assert process.poll() is None
+        kind = draw.choice((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+        wait_s = draw.random() * 0.3 if not engine else 0.5 + draw.random()
+        timer = threading.Timer(wait_s, process.send_signal, (kind,))
+        timer.start()
+        assert process.stderr is not None
+        text = process.stderr.read().decode()
+        timer.join()
+        assert process.wait(30) == INTERRUPTED, (kind, wait_s, text)
+        sound(text)
+        readable(out)
+
+
+def test_names_that_are_no_text(recorded, tmp_path):
+    """A folder with a Latin-1 name, as old archives have them."""
+    place = os.fsdecode(os.fsencode(tmp_path) + b"/runs/b\xe9d")
+    code, text = said(["run", "section5", *NO_CLAIMS, "--out", place], tmp_path)
+    assert code == ALL_HOLD, text
+    assert {STATES, LINKS, "verdict.json", "report.html", "run.rrd"} <= readable(Path(place))
+    for command in (["list"], ["verify", place], ["compare", place, recorded], ["plot", place],
+                    ["report", place], ["export", place, "--format", "csv"]):  # fmt: skip
+        code, text = said(command, tmp_path)
+        assert code == ALL_HOLD, text
+    code, text = said(["run", "section5", *NO_CLAIMS, "--no-figures"], tmp_path)
+    assert code == ALL_HOLD, text
+    assert 'href="b%E9d/report.html"' in (tmp_path / "runs" / "index.html").read_text()
+
+
+def test_what_is_said_not_to_be_written_is_not_there(place, tmp_path):
+    """Room for some of the files: what was written already is not tried again."""
+    for size in ("56k", "64k", "72k", "88k"):
+        place.mount(size)
+        out = place.folder / "run"
+        code, text = said(["run", "section5-delay", "--inline", "--no-figures", "--set",
+                           "duration_s=1.0", "--set", "expect={}", "--out", out], tmp_path)  # fmt: skip
+        assert code == BROKEN
+        names = readable(out)
+        for name in (STATES, LINKS, "verdict.json"):
+            assert (f"{out / name}: " in text) != (name in names), (size, name, text)
+        place.free()
+
+
+def test_what_found_no_room_leaves_no_folder(recorded, place, tmp_path):
+    for command in (["nemesis", "section5-delay", "--runs", "1", "--inline", "--out"],
+                    ["compare", recorded, recorded, "--out"], ["plot", recorded, "--out"],
+                    ["export", recorded, "--format", "csv", "--out"],
+                    ["run", "section5", *NO_CLAIMS, "--out"]):  # fmt: skip
+        place.mount("8k")
+        (place.folder / "filler").write_bytes(b"x" * 8192)
+        code, text = said([*command, place.folder / "out"], tmp_path)
+        assert code == BROKEN, text
+        assert "No space left on device" in text
+        assert [item.name for item in place.folder.iterdir()] == ["filler"], command
+        place.free()

@@ -254,12 +254,19 @@ def legend_of(figure):
     "wish", [{"robots": 12, "pattern": "wedge"}, {"robots": 20, "pattern": "grid"}, {"robots": 3}]
 )
 def test_the_damping_covers_no_robot(wish):
-    figure = graph(recorded(scenario_of("robot_defaults.damping=1.5", *(
-        f"robots.{k}.damping=1.5" for k in range(1, wish["robots"] + 1)), **wish), seconds=1))  # fmt: skip
+    figure = graph(recorded(scenario_of(*(
+        f"robots.{k}.damping={1.0 + k / 10}" for k in range(1, wish["robots"] + 1)), **wish), seconds=1))  # fmt: skip
     figure.canvas.draw()
     axes = figure.axes[0]
     said = [text for text in axes.texts if text.get_text().startswith("μ")]
     assert len(said) == wish["robots"]
+    frame = axes.get_window_extent()
+    for text in said:
+        box = text.get_window_extent()
+        assert frame.x0 < box.x0
+        assert box.x1 < frame.x1
+        assert frame.y0 < box.y0
+        assert box.y1 < frame.y1
     for node in (line for line in axes.lines if line.get_marker() == "o"):
         centre = axes.transData.transform(node.get_xydata()[0])
         radius = 0.5 * node.get_markersize() * figure.dpi / 72.0
@@ -267,6 +274,13 @@ def test_the_damping_covers_no_robot(wish):
             box = text.get_window_extent()
             nearest = np.clip(centre, [box.x0, box.y0], [box.x1, box.y1])
             assert np.linalg.norm(nearest - centre) > radius
+
+
+def test_one_damping_for_all_is_said_once():
+    figure = graph(recorded(scenario_of(*(f"robots.{k}.damping=1.5" for k in (2, 4)),
+                                        *(f"robots.{k}.damping=0.0" for k in (1, 3, 5, 6)))))  # fmt: skip
+    assert not [text for text in figure.axes[0].texts if text.get_text().startswith("μ")]
+    assert "damped: μ = 1.5" in legend_of(figure)
 
 
 def test_without_marks_there_is_no_legend():
@@ -334,7 +348,7 @@ def delivered(delays_ms):
         for link, row in zip(links, delays_ms, strict=True) for k, ms in enumerate(row)
     ]))  # fmt: skip
     run(Outcome("completed", 10**8, None, ""))
-    axes = link_figures.of(run)["deliveries"].axes[0]
+    axes = link_figures.of(run)["deliveries"]().axes[0]
     heights = np.concatenate(
         [line.get_ydata() for line in axes.lines if line.get_marker() in (".", "|")]
     )

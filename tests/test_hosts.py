@@ -382,7 +382,7 @@ GOOD = 'listen = "tls/10.0.0.1:7447"\n[[hosts]]\nname = "a"\nssh = "x"\nrobots =
         (GOOD + 'passwords = "x"\n', "unknown key"),
         (GOOD.replace("[1]", "[]"), "hosts[0].robots"),
         (GOOD + GOOD.split("\n", 1)[1].replace('"a"', '"b"'), "robot 1 runs on a and on b"),
-        ("= 3", "file: "),
+        ("= 3", "hosts.toml: not TOML: "),
     ],
 )
 def test_a_bad_file_of_hosts_is_said(tmp_path, text, words):

@@ -1,5 +1,6 @@
 """CSV and TOML files as people have them: what is wrong is told with file, line and column."""
 
+import pathlib
 import random
 import re
 import tomllib
@@ -214,7 +215,7 @@ def test_a_key_given_twice_is_named_in_every_kind_of_file(tmp_path):
     for reader, error in ((load, ScenarioError), (load_hosts, HostsError), (lanes.load, lanes.NetworkFileError)):  # fmt: skip
         with pytest.raises(error) as caught:
             reader(path)
-        assert str(caught.value) == f"{path}: file: {words}"
+        assert str(caught.value) == f"{path}: {words}"
 
 
 TWICE = {
@@ -349,3 +350,9 @@ def test_what_is_given_twice_is_found_exactly_where_tomllib_refuses_it():
         else:
             assert found is None, text
     assert 1000 < refused < 3000
+
+
+def test_a_file_without_end_is_refused():
+    """Not read until the memory is full."""
+    with pytest.raises(FileError, match="has more than 64 MiB"):
+        read_numbers(pathlib.Path("/dev/zero"), 1)

@@ -69,7 +69,7 @@ def load_hosts(path: Path) -> Hosts:
     try:
         data = read_toml(path)
     except ValueError as error:
-        raise HostsError(str(path), [Problem("file", None, str(error))]) from None
+        raise HostsError(str(path), [Problem("", None, str(error))]) from None
     if isinstance(data.get("hosts"), dict):  # a scenario's
         data = data["hosts"]
     try:

@@ -87,7 +87,7 @@ def dumps(scenario: Scenario) -> str:
 
 
 def _failure(file: str, rule: str) -> ScenarioError:
-    return ScenarioError(file, [Problem("file", None, rule)])
+    return ScenarioError(file, [Problem("", None, rule)])
 
 
 # --- overrides -----------------------------------------------------------------------

@@ -31,7 +31,7 @@ from formnet.lab.runs import files
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, in_words
 from formnet.lab.runs.exits import BROKEN as RUN_BROKE
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import claimed, fresh_folder
+from formnet.lab.runs.folders import claimed, forget, fresh_folder
 from formnet.lab.runs.recording import Collected, Recording
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.text.tables import output
@@ -93,6 +93,8 @@ def run_claims(
     output().print(_table(rows))
     if into is not None and len(done) == len(work):
         problems += files.attempt(partial(report.put_into, into, report.markdown(rows)))
+    if problems:
+        forget(folder, "claims.md")
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)

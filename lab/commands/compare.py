@@ -21,7 +21,7 @@ from formnet.lab.runs import files
 from formnet.lab.runs.difference import first_difference, other_extremes
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import fresh_folder
+from formnet.lab.runs.folders import filled
 from formnet.lab.runs.keypaths import by_path, shown
 from formnet.lab.runs.recorded import Recorded, Unreadable, read_whole
 from formnet.lab.runs.words import motion_told
@@ -62,7 +62,8 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
     compared = comparison(found)
     try:
         if out is not None:
-            _write(fresh_folder(out, "comparison.md"), compared, figure(found, compared.names))
+            with filled(out, "comparison.md"):
+                _write(out, compared, figure(found, compared.names))
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)

@@ -16,7 +16,7 @@ from formnet.lab.runs import files
 from formnet.lab.runs.build import install
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import RunExists, fresh_folder
+from formnet.lab.runs.folders import RunExists, filled
 from formnet.lab.runs.recorded import Recorded, Unreadable, event_lines, read_whole
 from formnet.lab.runs.recording import LINKS, STATES
 
@@ -39,6 +39,8 @@ def export_run(folder: Path, kind: str, out: Path | None) -> int:
         console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
         return BAD_INPUT
     except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(place)
         console.print(f"[red]not written:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
     console.print(f"written: {escape(str(place))}", soft_wrap=True)
@@ -52,9 +54,15 @@ def write_csv(run: Recorded, folder: Path) -> None:
         RunExists: ``folder`` exists and is not empty.
         OSError: a file cannot be read or written.
     """
-    fresh_folder(folder, "events.csv")
+    with filled(folder, "events.csv"):
+        _write_all(run, folder)
+
+
+def _write_all(run: Recorded, folder: Path) -> None:
     for name in (STATES, LINKS):
-        _write_csv(pq.read_table(run.folder / name), (folder / name).with_suffix(".csv"))
+        with (run.folder / name).open("rb") as stream:
+            table = pq.read_table(stream)
+        _write_csv(table, (folder / name).with_suffix(".csv"))
     lines = list(event_lines(run.folder))
     own = ("t_s", "event", "wall")
     events = {name: [line.pop(name) for line in lines] for name in own}

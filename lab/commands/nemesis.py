@@ -23,7 +23,7 @@ from formnet.lab.nemesis.trial import Finding, Trial, tried
 from formnet.lab.runs import files
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import claimed, fresh_folder
+from formnet.lab.runs.folders import claimed, forget, fresh_folder
 
 SAMPLE_EVERY = 10
 """Of inline runs, every so many-th is run twice; every distributed one is run inline as well."""
@@ -53,8 +53,7 @@ def run_nemesis(
         return BAD_INPUT
     repeat = _repeat(path, overrides, limit_s, inline=inline)
     try:
-        folder = claimed(out, "nemesis", partial(fresh_folder, first="command.txt"))
-        files.replace(folder / "command.txt", f"{repeat} {seed}\n")
+        folder = claimed(out, "nemesis", partial(_begun, command=f"{repeat} {seed}\n"))
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
@@ -94,6 +93,17 @@ def run_nemesis(
     if len(done) < len(trials):
         return INTERRUPTED
     return ONE_FAILS if any(finding.problems for finding in done.values()) else ALL_HOLD
+
+
+def _begun(folder: Path, command: str) -> Path:
+    """A folder of results, with the command that makes them."""
+    fresh_folder(folder, "command.txt")
+    try:
+        files.replace(folder / "command.txt", command)
+    except OSError:
+        forget(folder, "command.txt")
+        raise
+    return folder
 
 
 def _unfit(scenario: Scenario) -> str | None:

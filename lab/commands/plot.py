@@ -1,5 +1,6 @@
 """``formnet plot``: the figures of a recorded run, drawn again."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -9,7 +10,7 @@ from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.run import report_problems
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import fresh_folder
+from formnet.lab.runs.folders import filled
 from formnet.lab.runs.recorded import Unreadable, read_run
 
 
@@ -20,10 +21,11 @@ def plot_run(folder: Path, out: Path | None) -> int:
         run = read_run(folder)
         if not run.samples and not run.link_rows:
             raise Unreadable("; ".join(["nothing to draw", *run.problems]))
-        place = folder / "figures" if out is None else fresh_folder(out, "graph.png")
         from formnet.lab.figures import run_figures as figures
 
-        figures.draw(run, place)
+        place = out or folder / "figures"
+        with nullcontext() if out is None else filled(out, "graph.png"):
+            figures.draw(run, place)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT

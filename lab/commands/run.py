@@ -1,5 +1,6 @@
 """``formnet run``: load, launch, watch, judge, draw."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -102,7 +103,7 @@ def run_scenario(
                 outcome = Outcome("broken", recording.now_ns(), None, in_words(error))
                 watch.take(outcome)
         how = {"mode": mode, "wall_s": watch.wall_s, "warnings": warnings}
-        code = _conclude(console, recording, scene, outcome, how, drawn=drawn)
+        code = _conclude(console, recording, scene, outcome, how, stopped.is_set, drawn=drawn)
         if watcher is not None:
             watcher.stay(stopped.is_set)
         return code
@@ -147,7 +148,7 @@ def report_problems(console: Console, error: ScenarioError) -> None:
 
 def _conclude(
     console: Console, recording: Recording, scene: "RunFile", outcome: Outcome,
-    how: dict[str, Any], *, drawn: bool,
+    how: dict[str, Any], stopped: Callable[[], bool], *, drawn: bool,
 ) -> int:  # fmt: skip
     """Save, judge (``how`` as for :func:`lab.judge.verdict.of`), print, draw; the exit code.
 
@@ -155,11 +156,12 @@ def _conclude(
     """
     problems = recording.save()
     judged = verdict.of(recording, **how)
-    problems += files.attempt(lambda: verdict.save(judged, recording.folder))
-    if problems:  # the scene may have filled the disk
+    unjudged = files.attempt(lambda: verdict.save(judged, recording.folder))
+    if problems or unjudged:  # the scene may have filled the disk
         scene.make_room()
         problems = recording.save()
-        problems += files.attempt(lambda: verdict.save(judged, recording.folder))
+        if unjudged:
+            problems += files.attempt(lambda: verdict.save(judged, recording.folder))
     rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
     page = output()
     page.print(links_table(rows, "all are in verdict.json"))
@@ -170,7 +172,8 @@ def _conclude(
         with console.status("drawing figures"):
             from formnet.lab.figures import run_figures as figures
 
-            problems += files.attempt(lambda: figures.draw(recording, recording.folder / "figures"))
+            place = recording.folder / "figures"
+            problems += files.attempt(lambda: figures.draw(recording, place, stopped))
     from formnet.lab.pages import report
 
     try:
@@ -185,7 +188,7 @@ def _conclude(
                   soft_wrap=True)  # fmt: skip
     if problems:
         return BROKEN
-    if outcome.kind == "interrupted":
+    if outcome.kind == "interrupted" or stopped():
         return INTERRUPTED
     if outcome.kind not in ("completed", "diverged"):
         return BROKEN

@@ -18,7 +18,7 @@ from formnet.lab.runs.recording import Collected
 _SIDE_IN = 5.2
 _FIELD_PT = 300.0
 """How many points the greater side of the axes has, about."""
-_MARGIN = 0.2
+_MARGIN = 0.25
 _CUT = "#C1121F"
 _DOWN = "0.72"
 
@@ -110,19 +110,18 @@ def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -
     size_pt = _size_pt(offsets, points_per_m)
     roster = recording.roster()
     last = _end_ns(recording) // scenario.clock.control_period_ns
-    damped = False
+    dampings = {vehicle.damping for vehicle in scenario.vehicles.values()} - {0.0}
     down: list[Span] = []  # that last to the end, and the others
     over: list[Span] = []
     for i, (robot, colour) in enumerate(zip(scenario.ids, colours(len(offsets)), strict=True)):
         falls = list(presence.spans(roster, robot, 0, last))
         is_down = bool(falls) and falls[-1].end > last
         damping = scenario.vehicles[robot].damping
-        damped = damped or damping > 0.0
         axes.plot(*offsets[i], "o", ms=size_pt, color=_DOWN if is_down else colour,
                   mec="black" if damping > 0 else "none", mew=2.0, zorder=2)  # fmt: skip
         axes.annotate(str(robot), offsets[i], color="black" if is_down else "white", ha="center",
                       va="center", fontsize=min(10.0, 0.5 * size_pt), zorder=3)  # fmt: skip
-        if damping > 0.0:
+        if damping > 0.0 and len(dampings) > 1:
             room_pt = (1.4 if falls else 1.0) * size_pt
             _beside(axes, i, offsets, lines, f"μ = {damping:g}", size_pt, room_pt, points_per_m)
         if falls:
@@ -131,7 +130,8 @@ def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -
             else:
                 over.extend(falls)
             axes.plot(*offsets[i], "x", ms=1.3 * size_pt, color="black", mew=1.8, zorder=1.9)
-    legend: dict[str, Line2D] = {"damped: μ > 0": _node("white", "black")} if damped else {}
+    said = f"= {next(iter(dampings)):g}" if len(dampings) == 1 else "> 0"
+    legend = {f"damped: μ {said}": _node("white", "black")} if dampings else {}
     if down:
         legend[f"grey, crossed out: {_befell(down)}, and down at the end"] = _node(_DOWN, "none")
     if over:

@@ -1,6 +1,7 @@
 """Figures of the links: delays against what was configured, and every message of every link."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +43,8 @@ class Stretch(NamedTuple):
     is_cut: bool
 
 
-def of(recording: Collected) -> dict[str, Figure]:
-    """The figures by name; none without messages."""
+def of(recording: Collected) -> dict[str, Callable[[], Figure]]:
+    """What makes the figures, by name; none without messages."""
     by_link: dict[tuple[int, int], list[LinkRow]] = {}
     for row in recording.link_rows:
         by_link.setdefault((row.source, row.destination), []).append(row)
@@ -51,8 +52,8 @@ def of(recording: Collected) -> dict[str, Figure]:
         return {}
     by_link = dict(sorted(by_link.items()))
     return {
-        "delays": delays(recording.scenario, by_link),
-        "deliveries": deliveries(recording.scenario, by_link, _end_s(recording)),
+        "delays": partial(delays, recording.scenario, by_link),
+        "deliveries": partial(deliveries, recording.scenario, by_link, _end_s(recording)),
     }
 
 

@@ -1,5 +1,7 @@
 """Figures of a run: draws all, and has the paths (Figs. 2, 4, 6 of the paper), errors and V."""
 
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,23 +36,38 @@ MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
 
 
-def draw(recording: Collected, folder: Path) -> None:
-    """Write every figure as PNG and SVG into ``folder``, and ``thumbnail.png``; raises OSError."""
+def draw(recording: Collected, folder: Path, stopped: Callable[[], bool] = lambda: False) -> None:
+    """Write every figure as PNG and SVG into ``folder``, and ``thumbnail.png``.
+
+    Once ``stopped`` says so, those that are left are not drawn.
+
+    Raises:
+        OSError: a figure cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    for name, make in _figures(recording):
+        if stopped():
+            return
+        figure = make()
+        if name == "thumbnail":
+            save(figure, folder, name, kinds=("png",), dpi=100)
+        else:
+            save(figure, folder, name)
+
+
+def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Each figure by its name."""
     scenario, trajectories = recording.scenario, recording.trajectories
-    figures = {"graph": graph(recording)} | link_figures.of(recording)
     if len(trajectories.t_s):
-        figures |= {
-            "paths": paths(recording),
-            "headings": headings(recording, before_runaway(trajectories)),
-            "errors": errors(recording),
-        }
+        yield "thumbnail", partial(thumbnail, scenario, trajectories)
+        yield "paths", partial(paths, recording)
+        yield "headings", partial(headings, recording, before_runaway(trajectories))
+        yield "errors", partial(errors, recording)
         found = lyapunov_curve(recording)
         if found is not None:
-            figures["lyapunov"] = lyapunov(recording, found)
-        save(thumbnail(scenario, trajectories), folder, "thumbnail", kinds=("png",), dpi=100)
-    for name, figure in figures.items():
-        save(figure, folder, name)
+            yield "lyapunov", partial(lyapunov, recording, found)
+    yield "graph", partial(graph, recording)
+    yield from link_figures.of(recording).items()
 
 
 def before_runaway(trajectories: Trajectories) -> Trajectories:

@@ -14,7 +14,8 @@ from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Sink
 from formnet.lab.launch import stuck
-from formnet.lab.launch.signals import Stop, insisted
+from formnet.lab.launch.signals import insisted
+from formnet.lab.runs.exits import Stop
 from formnet.netem.core.link import IN_FLIGHT, LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.world import World

@@ -133,6 +133,7 @@ class Launch:
         self._blame: Outcome | None = None  # what the launcher saw and the plant cannot
         self._t_ns = 0
         self._hung = False  # the plant, by all appearances
+        self._asked = False  # to end, by the user
         self._kill_at: float | None = None  # set once the run is being stopped
         self._todo: queue.SimpleQueue[Event | Stir | None] = queue.SimpleQueue()
         self._quiet = 0  # how often this process has looked since the plant's last record
@@ -193,6 +194,7 @@ class Launch:
                     if now > self._kill_at:
                         self.plant.kill()
                 elif stopped():
+                    self._asked = True
                     self._stop()
                 elif dead_since is not None and now - dead_since > GRACE_S and not self._outcome:
                     # The plant notices the death of a robot that has joined; this one had not.
@@ -208,7 +210,10 @@ class Launch:
         self._reader.join()
         if self._log_reader is not None:
             self._log_reader.join()
-        if self._outcome is None or self._outcome.kind == "broken":
+        if self._outcome is None and self._asked:  # the plant was not there yet, to say so
+            self._outcome = Outcome("interrupted", self._t_ns, None, "stopped by the user")
+            self._sink(self._outcome)
+        elif self._outcome is None or self._outcome.kind == "broken":
             code = self.plant.returncode
             how = f"was killed by signal {-code}" if code < 0 else f"exited with code {code}"
             if self._hung:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from ctypes import c_bool
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from typing import TypeVar
 
 from rich.console import Console
@@ -65,6 +65,8 @@ def at_once(
         WorkFailed: ``work`` raised, or its process died.
     """
     context = get_context("spawn")
+    with kept_from_children():  # which a hang-up would end, and others would miss
+        resource_tracker.ensure_running()
     stop = context.RawValue(c_bool, False)
     cores = os.cpu_count() or 1
     with ProcessPoolExecutor(jobs or cores, context, initializer=_begin, initargs=(stop,)) as pool:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from formnet.formation.wire.process import to_end
+from formnet.lab.runs.exits import Stop
 
 GRACE_S = 1.5
 """How long what is to end has to do so in order, before it is made to."""
@@ -36,10 +37,6 @@ def kept_from_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class Stop(BaseException):
-    """The user's wish to end, where nobody asks for it."""
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from formnet.formation.wire.record import Outcome
 from formnet.lab.judge import verdict
 from formnet.lab.judge.verdict import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
+from formnet.lab.runs.files import as_text
 from formnet.lab.runs.recorded import Unreadable, event_lines, read_verdict
 from formnet.lab.runs.recording import being_written
 from formnet.lab.text.tables import Column, output, table
@@ -48,6 +49,11 @@ class Entry(NamedTuple):
     sha256: str = ""
     note: str = ""
     settled: str = "–"
+
+    @property
+    def title(self) -> str:
+        """The name of its folder as text."""
+        return as_text(self.folder)
 
     @property
     def is_bad(self) -> bool:
@@ -192,7 +198,7 @@ def _table(entries: list[Entry]) -> Table:
         style = _STYLES.get(entry.standing, "red")
         said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
         rows.append([
-            escape(entry.folder.name), f"[{style}]{escape(entry.standing)}[/]", escape(said),
+            escape(entry.title), f"[{style}]{escape(entry.standing)}[/]", escape(said),
             entry.settled, _seconds(entry.simulated_s),
             entry.when[:16].replace("T", " "),
         ])  # fmt: skip

@@ -4,9 +4,11 @@ Everything comes from the files of the run's folder; templates/ has how it looks
 stands in a scenario or an event is text from elsewhere and is escaped (Jinja's autoescape).
 """
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, UndefinedError
 from rich.console import Console
@@ -349,5 +351,5 @@ def _in_runs(folder: Path) -> bool:
 
 
 def _there(folder: Path, name: str) -> str | None:
-    """A file in a run's folder, relative to the index, if it is there."""
-    return f"{folder.name}/{name}" if (folder / name).is_file() else None
+    """The address of a file in a run's folder, relative to the index, if it is there."""
+    return quote(os.fsencode(f"{folder.name}/{name}")) if (folder / name).is_file() else None

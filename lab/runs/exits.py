@@ -5,6 +5,11 @@ import errno
 ALL_HOLD, ONE_FAILS, BAD_INPUT, BROKEN, INTERRUPTED = 0, 1, 2, 3, 130
 """1 is about claims alone: about what was run, never about where it was run."""
 
+
+class Stop(BaseException):
+    """A signal to end, raised where nobody asks for it; code that catches errors lets it pass."""
+
+
 _OUT_OF = {
     errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 }  # fmt: skip

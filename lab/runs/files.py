@@ -23,7 +23,7 @@ def write_new(path: Path, data: str | bytes, mode: int = 0o666) -> None:
 
     Either names ``path`` as its ``filename``.
     """
-    content = data.encode() if isinstance(data, str) else data
+    content = as_bytes(data)
     with _blamed_on(path):
         if os.path.lexists(path):  # before anything is written: the disk may be full
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
@@ -45,7 +45,7 @@ def replace(path: Path, data: str | bytes) -> None:
     Raises:
         OSError: it cannot be written; what was there still is. ``filename`` is ``path``.
     """
-    content = data.encode() if isinstance(data, str) else data
+    content = as_bytes(data)
     with _blamed_on(path):
         try:
             before = path.stat().st_mode
@@ -60,6 +60,16 @@ def replace(path: Path, data: str | bytes) -> None:
             if stat.S_IMODE(before):
                 part.chmod(stat.S_IMODE(before))
             part.replace(target)
+
+
+def as_bytes(data: str | bytes) -> bytes:
+    """Text as UTF-8; what is none, such as a part of a file's name, is escaped."""
+    return data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
+
+
+def as_text(path: Path) -> str:
+    """The last name of ``path`` as text, whatever bytes it is made of."""
+    return os.fsencode(path.name).decode("utf-8", "backslashreplace")
 
 
 def attempt(write: Callable[[], object]) -> list[OSError]:

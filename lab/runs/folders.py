@@ -1,7 +1,7 @@
 """New folders for what a command leaves: nothing is overwritten, and no two commands share one."""
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -37,6 +37,7 @@ def fresh_folder(folder: Path, first: str) -> Path:
         RunExists: ``folder`` exists and is not empty, or another command was faster.
         OSError: ``folder`` or ``first`` cannot be made.
     """
+    there = folder.exists()
     try:
         check_free(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -49,8 +50,36 @@ def fresh_folder(folder: Path, first: str) -> Path:
     except FileExistsError:
         raise RunExists(folder) from None
     except OSError as error:
+        with suppress(OSError):
+            if not there:
+                folder.rmdir()
         raise OSError(error.errno, f"cannot be made: {error.strerror}", str(folder)) from None
     return folder
+
+
+def forget(folder: Path, first: str) -> None:
+    """Take an empty ``first`` away again, and ``folder`` if that was all: nothing came of it."""
+    with suppress(OSError):
+        if (folder / first).stat().st_size == 0:
+            (folder / first).unlink()
+            folder.rmdir()
+
+
+@contextmanager
+def filled(folder: Path, first: str) -> Iterator[Path]:
+    """:func:`fresh_folder`, to be filled here: after an OSError nothing of it is left."""
+    there = folder.exists()
+    fresh_folder(folder, first)
+    try:
+        yield folder
+    except OSError:
+        for file in folder.iterdir():
+            with suppress(OSError):
+                file.unlink()
+        if not there:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def claimed(out: Path | None, stem: str, claim: Callable[[Path], Claimed]) -> Claimed:

@@ -26,7 +26,7 @@ from formnet.formation.scenario.loading import dumps
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formnet.lab.runs import files
-from formnet.lab.runs.folders import fresh_folder
+from formnet.lab.runs.folders import forget, fresh_folder
 from formnet.netem.files.tables import nanoseconds
 
 if sys.platform != "win32":
@@ -180,10 +180,16 @@ class Recording(Collected):
         self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
         self._lines: list[str] = []
         self._behind = False  # the file lacks lines, or has half of one
+        self._saved: set[str] = set()
         self._file = (folder / EVENTS).open("a", encoding="utf-8")
         with suppress(OSError):  # a file system without locks
             _lock(self._file)
-        files.write_new(folder / SCENARIO, dumps(scenario))
+        try:
+            files.write_new(folder / SCENARIO, dumps(scenario))
+        except OSError:
+            self._file.close()
+            forget(folder, EVENTS)
+            raise
 
     def __call__(self, record: Record) -> None:
         """Take one record."""
@@ -203,23 +209,32 @@ class Recording(Collected):
             self._file.close()
 
     def save(self) -> list[OSError]:
-        """Write tables and events, each whole or not at all; returns what could not be written."""
+        """Write tables and events, each whole or not at all; returns what could not be written.
+
+        Called again, it tries that alone.
+        """
         self.close()
         problems = []
-        for name, table in (
-            (STATES, _table(self.samples, STATES_SCHEMA)),
-            (LINKS, _table(self.sorted_link_rows, LINKS_SCHEMA)),
-        ):
-            whole = pa.BufferOutputStream()
-            pq.write_table(table, whole)
-            problems += files.attempt(
-                partial(files.replace, self.folder / name, whole.getvalue().to_pybytes())
-            )
-        if self._behind:
-            problems += files.attempt(
-                partial(files.replace, self.folder / EVENTS, "".join(self._lines))
-            )
+        for name, content in list(self._unsaved().items()):
+            found = files.attempt(partial(files.replace, self.folder / name, content))
+            problems += found
+            if not found:
+                self._saved.add(name)
         return problems
+
+    def _unsaved(self) -> dict[str, bytes]:
+        """What :meth:`save` has to write."""
+        found = {
+            name: _parquet(rows, schema)
+            for name, rows, schema in (
+                (STATES, self.samples, STATES_SCHEMA),
+                (LINKS, self.sorted_link_rows, LINKS_SCHEMA),
+            )
+            if name not in self._saved
+        }
+        if self._behind and EVENTS not in self._saved:
+            found[EVENTS] = "".join(self._lines).encode()
+        return found
 
     def _note_plan(self, now_ns: int) -> None:
         """Put what was planned up to now among the events."""
@@ -277,13 +292,18 @@ def read_links(folder: Path) -> list[LinkRow]:
 
 
 def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
-    table = pq.read_table(file)
+    with file.open("rb") as stream:  # its name may be no text
+        table = pq.read_table(stream)
     return zip(*(table.column(name).to_pylist() for name in schema.names), strict=True)
 
 
-def _table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:
+def _parquet(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> bytes:
+    """A table as a file holds it."""
     columns = zip(*rows, strict=True) if rows else [()] * len(schema)
-    return pa.table(
+    table = pa.table(
         [pa.array(column, kind) for column, kind in zip(columns, schema.types, strict=True)],
         schema=schema,
     )
+    whole = pa.BufferOutputStream()
+    pq.write_table(table, whole)
+    return whole.getvalue().to_pybytes()  # type: ignore[no-any-return]

@@ -17,6 +17,7 @@ import rerun as rr
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.record import Record
 from formnet.lab.judge.lyapunov import Curve
+from formnet.lab.runs.files import as_text
 from formnet.lab.scene.scene import Scene
 
 FILE = "run.rrd"
@@ -89,7 +90,7 @@ class RunFile:
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         self._records: queue.SimpleQueue[tuple[Record, int]] = queue.SimpleQueue()
-        self._stream = rr.RecordingStream("formnet", recording_id=folder.resolve().name)
+        self._stream = rr.RecordingStream("formnet", recording_id=as_text(folder.resolve()))
         self._outlet = Outlet(folder / FILE)
         self._stream.save(self._outlet.path)
         self._outlet.handed_over()

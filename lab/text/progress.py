@@ -119,7 +119,7 @@ class Watch:
         found = verdict.error_series(self._recording.scenario, latest, up)
         speed = t_s / max(self.wall_s, 1e-9)
         errors = " ".join(
-            f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items()
+            f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items() if up
         )
         self._progress.update(
             self._task, completed=t_s, description=f"t = {t_s:.1f} s  {times(speed)}  {errors}"

@@ -54,7 +54,8 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
 def _places(folder: Path) -> NDArray[np.float64]:
     """Where the robots were, (n, 2); none if the run left no table."""
     try:
-        table = pq.read_table(folder / STATES, columns=["x_m", "y_m"])
+        with (folder / STATES).open("rb") as stream:
+            table = pq.read_table(stream, columns=["x_m", "y_m"])
         return np.column_stack([table.column(axis).to_numpy() for axis in ("x_m", "y_m")])
     except (OSError, pa.ArrowException, KeyError, ValueError):  # it broke off, or is damaged
         return NOWHERE

@@ -97,7 +97,7 @@ def load(path: Path) -> LaneFile:
     try:
         data = read_toml(path)
     except ValueError as error:
-        raise NetworkFileError(str(path), [Problem("file", None, str(error))]) from None
+        raise NetworkFileError(str(path), [Problem("", None, str(error))]) from None
     try:
         file = LaneFile.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:

@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 from formnet.netem.files.problems import shown
 
+MOST_BYTES = 64 * 2**20
+"""Of a file: some million rows."""
+
 
 class Numbers(NamedTuple):
     """The rows of a CSV file of numbers, and the line of the file on which each begins."""
@@ -88,11 +91,14 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def _text(path: Path) -> str:
     try:
-        content = path.read_bytes()
+        with path.open("rb") as stream:
+            content = stream.read(MOST_BYTES + 1)
     except OSError as error:
         raise FileError(f"file {path} cannot be read: {error.strerror}") from None
     except ValueError as error:  # a null character in its name
         raise FileError(f"file {str(path)!r} cannot be read: {error}") from None
+    if len(content) > MOST_BYTES:
+        raise FileError(f"file {path} has more than {MOST_BYTES >> 20} MiB")
     try:
         text = content.decode("utf-8").removeprefix("\ufeff")
         at, what = text.encode().find(b"\0"), "a null character"

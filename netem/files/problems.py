@@ -16,7 +16,10 @@ Place = tuple[str | int, ...]
 
 
 class Problem(NamedTuple):
-    """One thing wrong: where, what stands there (None: nothing to show), which rule it breaks."""
+    """One thing wrong: where, what stands there (None: nothing to show), which rule it breaks.
+
+    ``place`` is empty if it is the file as a whole.
+    """
 
     place: str
     value: str | None
@@ -24,7 +27,7 @@ class Problem(NamedTuple):
 
     def __str__(self) -> str:
         value = "" if self.value is None else f" = {self.value}"
-        return f"{self.place}{value}: {self.rule}"
+        return f"{self.place}{value}: {self.rule}" if self.place else self.rule
 
 
 def problems(model: type[BaseModel], data: Any, error: ValidationError) -> list[Problem]:
