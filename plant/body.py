@@ -13,7 +13,8 @@ import math
 from dataclasses import dataclass, field
 from math import cos, sin
 
-from formnet.formation.scenario.model import Plant, Vehicle
+from formnet.formation.scenario.failures import Plant
+from formnet.formation.scenario.robots import Vehicle
 from formnet.formation.wire.messages import State, make
 
 # Gauss-Legendre collocation with three stages, order 6 (Hairer, Nørsett, Wanner,

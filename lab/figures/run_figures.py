@@ -8,7 +8,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from formnet.formation.scenario.model import Expect, Scenario
+from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.figures import links as link_figures
 from formnet.lab.figures.canvas import (
     COLOURS,

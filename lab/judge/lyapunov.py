@@ -27,7 +27,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from formnet.agent.law import body_estimate, parameters
 from formnet.formation.paper.theory import outside_model
-from formnet.formation.scenario.model import W1, Scenario
+from formnet.formation.scenario.law import W1
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.runs.recording import Collected, Trajectories
 from formnet.netem.core.link import LOST_DOWN
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from formnet.formation.paper.geometry import Errors, errors
 from formnet.formation.paper.theory import CLAIMS, assess
-from formnet.formation.scenario.model import Expect, Scenario
+from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import lyapunov
 from formnet.lab.runs import files
 from formnet.lab.runs.build import compiled
