@@ -26,7 +26,7 @@ from typing import NamedTuple, Protocol
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.scenario.robots import Vehicle
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.wire.state import Stamped, State
 from formnet.netem.files.problems import nearest
 
 _CALLERS = {

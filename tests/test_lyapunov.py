@@ -6,7 +6,7 @@ import pytest
 from formnet.agent.law import make, parameters
 from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.wire.state import Stamped, State
 from formnet.lab.figures import run_figures as figures
 from formnet.lab.judge import lyapunov, verdict
 from formnet.lab.launch import inline

@@ -24,7 +24,7 @@ from formnet.formation.scenario.hosts import Hosts
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.network import Neighbours, Network
 from formnet.formation.scenario.robots import RobotTable, Vehicle
-from formnet.formation.wire.messages import State
+from formnet.formation.wire.state import State
 from formnet.netem.core.link import Link
 from formnet.netem.files.tables import LongSeconds, Table, nanoseconds
 from formnet.netem.settings.links import LinkSettings
