@@ -19,7 +19,7 @@ from formnet.formation.wire.messages import Drive, Rejected
 from formnet.formation.wire.record import LinkRow
 from formnet.formation.wire.state import Stamped, State
 from formnet.formation.wire.tuples import make
-from formnet.netem.core.link import IN_FLIGHT, Transit
+from formnet.netem.core.transit import IN_FLIGHT, Transit
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.timeline import NEVER
 

@@ -54,7 +54,7 @@ from formnet.formation.wire.messages import (
 )
 from formnet.formation.wire.process import on_stop
 from formnet.formation.wire.security import Credentials, robot_name
-from formnet.netem.core.link import IN_FLIGHT, LOST_DOWN
+from formnet.netem.core.transit import IN_FLIGHT, LOST_DOWN
 
 RETRY_S = 0.05
 """How often an unanswered handshake message is repeated."""

@@ -25,7 +25,7 @@ from formnet.formation.wire.state import State
 from formnet.lab.launch import inline
 from formnet.lab.runs.recording import Collected, trajectory_sha256
 from formnet.netem import IN_FLIGHT
-from formnet.netem.core.link import LOST_DOWN
+from formnet.netem.core.transit import LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.body import braked
 from formnet.plant.world import World

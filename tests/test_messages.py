@@ -38,7 +38,7 @@ from formnet.formation.wire.messages import (
 )
 from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.formation.wire.state import State
-from formnet.netem.core.link import FATES
+from formnet.netem.core.transit import FATES
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 integers = st.integers(-(2**63), 2**63 - 1)

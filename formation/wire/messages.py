@@ -19,7 +19,7 @@ from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.record import LinkRow
 from formnet.formation.wire.state import State
 from formnet.formation.wire.tuples import make
-from formnet.netem.core.link import FATES
+from formnet.netem.core.transit import FATES
 
 PROTOCOL: Final = 4
 """Version of the messages; a robot and a plant must agree on it."""

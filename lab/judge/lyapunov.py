@@ -30,7 +30,7 @@ from formnet.formation.paper.theory import outside_model
 from formnet.formation.scenario.law import W1
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.runs.recording import Collected, Trajectories
-from formnet.netem.core.link import LOST_DOWN
+from formnet.netem.core.transit import LOST_DOWN
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Sink
 from formnet.lab.launch import stuck
 from formnet.lab.launch.signals import Stop, insisted
-from formnet.netem.core.link import IN_FLIGHT, LOST_DOWN
+from formnet.netem.core.transit import IN_FLIGHT, LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.world import World
 

@@ -25,7 +25,7 @@ from formnet.lab.figures.canvas import SCREEN_COLOURS, bowed, bows, colours
 from formnet.lab.judge.claim_words import UNITS
 from formnet.lab.runs.words import told
 from formnet.lab.scene.blueprint import blueprint, half_width, scale_bar
-from formnet.netem.core.link import DELIVERED, DUPLICATED
+from formnet.netem.core.transit import DELIVERED, DUPLICATED
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.timeline import NEVER, Timeline
 
