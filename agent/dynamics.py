@@ -7,7 +7,7 @@ Shared by every law that decides velocities first. Plain floats and no arrays, a
 from math import exp, sqrt
 
 from formnet.agent.law import Command, Situation, parameters
-from formnet.formation.wire.messages import make
+from formnet.formation.wire.tuples import make
 
 
 class DynamicLayer:

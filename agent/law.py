@@ -23,8 +23,10 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from formnet.formation.scenario.model import LawSettings, Scenario, Vehicle
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.scenario.law import LawSettings
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.scenario.robots import Vehicle
+from formnet.formation.wire.state import Stamped, State
 from formnet.netem.files.problems import nearest
 
 _CALLERS = {

@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 
 from formnet.agent.dynamics import DynamicLayer
 from formnet.agent.law import Command, Situation
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.wire.state import Stamped, State
 from formnet.netem.files.problems import problems
 from formnet.netem.files.tables import Positive, Table
 

@@ -27,8 +27,9 @@ from formnet.agent.robot import Robot
 from formnet.agent.timed import TimedRobot
 from formnet.formation.scenario.loading import loads
 from formnet.formation.wire import bus
+from formnet.formation.wire.broadcast import HELLO, Envelope
+from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
-    HELLO,
     KILL,
     MOST_TEXT,
     PLANT,
@@ -37,7 +38,6 @@ from formnet.formation.wire.messages import (
     Brief,
     CatchUp,
     End,
-    Envelope,
     Failed,
     Gone,
     Join,
@@ -45,7 +45,6 @@ from formnet.formation.wire.messages import (
     Measured,
     Meet,
     Message,
-    MessageError,
     Ready,
     Rejected,
     Sense,
@@ -55,7 +54,7 @@ from formnet.formation.wire.messages import (
 )
 from formnet.formation.wire.process import on_stop
 from formnet.formation.wire.security import Credentials, robot_name
-from formnet.netem.core.link import IN_FLIGHT, LOST_DOWN
+from formnet.netem.core.transit import IN_FLIGHT, LOST_DOWN
 
 RETRY_S = 0.05
 """How often an unanswered handshake message is repeated."""

@@ -26,7 +26,7 @@ from formnet.formation.wire.messages import (
     encode,
 )
 from formnet.formation.wire.sync import RemoteClock, Spread
-from formnet.netem.core.link import IN_FLIGHT
+from formnet.netem.core.transit import IN_FLIGHT
 from formnet.netem.core.wallclock import wake_punctually
 
 _REPORT_S = 1.0

@@ -15,7 +15,9 @@ unless it has been silent for longer than ``neighbours.silence_s``.
 from formnet.agent.base import Outgoing, RobotBase
 from formnet.agent.law import Law
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.messages import HELLO, Broadcast, Drive, Envelope, MessageError, Sense
+from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Drive, Sense
 from formnet.netem.settings.timeline import NEVER
 
 

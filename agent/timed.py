@@ -9,14 +9,9 @@ and is usable at the first control period from then on at which the link has del
 from formnet.agent.base import Outgoing, RobotBase
 from formnet.agent.law import Law
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.messages import (
-    HELLO,
-    Broadcast,
-    Drive,
-    Envelope,
-    Measured,
-    MessageError,
-)
+from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Drive, Measured
 from formnet.formation.wire.sync import Spread
 
 MOST_AHEAD_NS = 1_000_000_000

@@ -21,7 +21,7 @@ from benchmarks.scenarios import SECTION5
 from benchmarks.table import BenchmarkError, Row
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
-from formnet.formation.wire.messages import HELLO, Envelope
+from formnet.formation.wire.broadcast import HELLO, Envelope
 from formnet.formation.wire.record import Event, Record
 from formnet.lab.launch.launch import Launch
 from formnet.netem.settings.timeline import NEVER

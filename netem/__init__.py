@@ -9,7 +9,10 @@ This package imports nothing of the rest of the project.
 """
 
 from formnet.netem.core.duplicate import Duplicate
-from formnet.netem.core.link import (
+from formnet.netem.core.link import Impairment, Link
+from formnet.netem.core.shared import Shared
+from formnet.netem.core.streams import stream
+from formnet.netem.core.transit import (
     CORRUPTED,
     DELIVERED,
     DUPLICATED,
@@ -20,12 +23,8 @@ from formnet.netem.core.link import (
     LOST_QUEUE,
     LOST_RANDOM,
     LOST_TRACE,
-    Impairment,
-    Link,
     Transit,
 )
-from formnet.netem.core.shared import Shared
-from formnet.netem.core.streams import stream
 from formnet.netem.delays.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
 from formnet.netem.impairments.corrupt import Corrupt
 from formnet.netem.impairments.loss import EveryNthLoss, PredicateLoss, RandomLoss, TraceLoss

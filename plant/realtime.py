@@ -12,19 +12,18 @@ from functools import partial
 import zenoh
 
 from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.broadcast import HELLO, Envelope
+from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
-    HELLO,
     PROTOCOL,
     Ask,
     Begin,
     Brief,
     Drive,
-    Envelope,
     Join,
     Links,
     Measured,
     Message,
-    MessageError,
     Ready,
     Timing,
     encode,

@@ -9,8 +9,8 @@ import math
 
 from formnet.formation.plan.roster import Happening, Roster
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.messages import State, finite
 from formnet.formation.wire.record import Sample
+from formnet.formation.wire.state import State, finite
 from formnet.netem.files.tables import nanoseconds
 from formnet.plant.body import Body, braked, driven, left_alone, steered
 from formnet.plant.extremes import Extremes

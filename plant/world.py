@@ -13,9 +13,11 @@ from typing import NamedTuple
 
 from formnet.formation.plan.roster import Happening, Roster
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.messages import Drive, Sense, State, finite, make
+from formnet.formation.wire.messages import Drive, Sense
 from formnet.formation.wire.record import LinkRow, Sample
-from formnet.netem.core.link import LOST_DOWN
+from formnet.formation.wire.state import State, finite
+from formnet.formation.wire.tuples import make
+from formnet.netem.core.transit import LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.body import Body, driven, left_alone, steered
 from formnet.plant.extremes import Extremes

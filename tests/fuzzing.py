@@ -21,34 +21,31 @@ from formnet.agent.robot import Robot
 from formnet.agent.timed import TimedRobot
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import messages
+from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag, sealed
+from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
     Ask,
     Begin,
     Brief,
-    Broadcast,
     CatchUp,
     Drive,
     End,
-    Envelope,
     Failed,
     Gone,
     Join,
     Links,
     Measured,
     Meet,
-    MessageError,
     Ready,
     Rejected,
     Sense,
-    State,
     Timing,
     Waiting,
     decode,
     encode,
-    run_tag,
-    sealed,
 )
 from formnet.formation.wire.record import LinkRow
+from formnet.formation.wire.state import State
 from formnet.lab.scenarios.packaged import CONFIGS
 
 _STATE = State(1.5, -2.5, 0.25, 0.0, -1e-3)

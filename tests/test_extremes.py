@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formnet.formation.scenario.loading import load
-from formnet.formation.wire.messages import Drive, State
+from formnet.formation.wire.messages import Drive
+from formnet.formation.wire.state import State
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.plant.extremes import Extremes
 from formnet.plant.timed import TimedWorld

@@ -20,11 +20,12 @@ from formnet.formation.plan.fault import (
 )
 from formnet.formation.plan.roster import Roster, Span
 from formnet.formation.scenario.loading import ScenarioError, load, loads
-from formnet.formation.wire.messages import Drive, State
+from formnet.formation.wire.messages import Drive
+from formnet.formation.wire.state import State
 from formnet.lab.launch import inline
 from formnet.lab.runs.recording import Collected, trajectory_sha256
 from formnet.netem import IN_FLIGHT
-from formnet.netem.core.link import LOST_DOWN
+from formnet.netem.core.transit import LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.body import braked
 from formnet.plant.world import World
@@ -354,7 +355,8 @@ def heard_by_2(paper, *overrides):
             return (0.0, 0.0)
 
     from formnet.agent.robot import Robot
-    from formnet.formation.wire.messages import Broadcast, Envelope, Sense, run_tag
+    from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
+    from formnet.formation.wire.messages import Sense
 
     scenario = paper("section5-delay", *overrides)
     robot = Robot(scenario, 2, run="run", law=Notes())

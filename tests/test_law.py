@@ -11,8 +11,8 @@ from scipy.integrate import quad
 from formnet.agent.cooperative import CooperativeLaw
 from formnet.agent.excitation import W1Signal
 from formnet.agent.law import BodyEstimate, Situation, parameters
-from formnet.formation.scenario.model import W1, LawSettings
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.scenario.law import W1, LawSettings
+from formnet.formation.wire.state import Stamped, State
 from formnet.plant.body import Body, driven
 
 W1_VARYING = W1(bias=0.4, amplitude=0.3, frequency_radps=1.7)

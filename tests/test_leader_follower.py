@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from formnet.agent.law import BodyEstimate, Situation, accepts
 from formnet.agent.leader_follower import LeaderFollowerLaw
+from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.loading import ScenarioError, load
-from formnet.formation.scenario.model import LawSettings
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.wire.state import Stamped, State
 from formnet.lab.judge import verdict
 from formnet.lab.launch import inline
 from formnet.lab.runs.recording import Collected

@@ -13,36 +13,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formnet.formation.wire import messages, record
+from formnet.formation.wire.broadcast import BROADCAST_BYTES, Broadcast, Envelope, run_tag, sealed
+from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
-    BROADCAST_BYTES,
     Ask,
     Begin,
     Brief,
-    Broadcast,
     CatchUp,
     Drive,
     End,
-    Envelope,
     Failed,
     Gone,
     Join,
     Links,
     Measured,
     Meet,
-    MessageError,
     Ready,
     Rejected,
     Sense,
-    State,
     Timing,
     Waiting,
     decode,
     encode,
-    run_tag,
-    sealed,
 )
 from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
-from formnet.netem.core.link import FATES
+from formnet.formation.wire.state import State
+from formnet.netem.core.transit import FATES
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 integers = st.integers(-(2**63), 2**63 - 1)

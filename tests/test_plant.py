@@ -9,7 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from formnet.formation.wire.messages import Drive, State
+from formnet.formation.wire.messages import Drive
+from formnet.formation.wire.state import State
 from formnet.plant import model
 from formnet.plant.body import Body, driven, steered
 from formnet.plant.world import BAD_COMMAND, BAD_STATE, World

@@ -21,7 +21,9 @@ from hypothesis import strategies as st
 from formnet.agent.law import Command
 from formnet.agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
 from formnet.formation.scenario.loading import load
-from formnet.formation.wire.messages import Broadcast, Drive, Envelope, Measured, State, run_tag
+from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
+from formnet.formation.wire.messages import Drive, Measured
+from formnet.formation.wire.state import State
 from formnet.formation.wire.sync import RemoteClock, Spread
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.plant.timed import TimedWorld

@@ -16,21 +16,9 @@ from hypothesis import strategies as st
 
 from formnet.agent.law import Command, LawFailed
 from formnet.agent.robot import Outgoing, Robot
-from formnet.formation.wire.messages import (
-    HELLO,
-    Broadcast,
-    Drive,
-    Envelope,
-    Links,
-    Rejected,
-    Sense,
-    Stamped,
-    State,
-    decode,
-    encode,
-    run_tag,
-    sealed,
-)
+from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope, run_tag, sealed
+from formnet.formation.wire.messages import Drive, Links, Rejected, Sense, decode, encode
+from formnet.formation.wire.state import Stamped, State
 from formnet.netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
 
 MS = 1_000_000

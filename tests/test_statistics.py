@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formnet.netem.core.link import (
+from formnet.netem.core.statistics import Fate, Tally, next_jitter, summarise
+from formnet.netem.core.transit import (
     CORRUPTED,
     DELIVERED,
     DUPLICATED,
@@ -14,7 +15,6 @@ from formnet.netem.core.link import (
     LOST_BURST,
     LOST_LATE,
 )
-from formnet.netem.core.statistics import Fate, Tally, next_jitter, summarise
 
 MS = 1_000_000
 

@@ -5,7 +5,7 @@ The name of a run, its random label on the bus and the time that has passed deci
 
 import pytest
 
-from formnet.formation.wire.messages import BROADCAST_BYTES
+from formnet.formation.wire.broadcast import BROADCAST_BYTES
 from formnet.lab.launch import inline
 from formnet.lab.runs.recording import Collected, trajectory_sha256
 from formnet.netem.core.statistics import Fate, summarise

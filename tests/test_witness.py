@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formnet.formation.wire.record import LinkRow
-from formnet.netem.core.link import LOST_DOWN
+from formnet.netem.core.transit import LOST_DOWN
 from formnet.plant.witness import Witness
 
 

@@ -8,7 +8,7 @@ from saturated import SaturatedLaw
 
 from formnet.agent.law import situation
 from formnet.formation.scenario.loading import load
-from formnet.formation.wire.messages import Stamped, State
+from formnet.formation.wire.state import Stamped, State
 
 SCENARIO = Path(__file__).with_name("saturated.toml")
 

@@ -18,7 +18,8 @@ from formnet.formation.wire import threads  # noqa: F401 (first: Zenoh reads wha
 import zenoh
 from mypy_extensions import mypyc_attr
 
-from formnet.formation.wire.messages import Message, MessageError, decode
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Message, decode
 from formnet.formation.wire.security import Credentials, access_control
 
 LOOPBACK = "127.0.0.1"

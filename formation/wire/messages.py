@@ -1,160 +1,33 @@
-"""What robots and plant say to each other, and its form on the wire.
+"""Messages between the plant and one robot, and their form on the wire.
 
-Two kinds of talk. *Broadcasts* are the data of the experiment: one robot's
-stamped state for its neighbours; they pass through emulated links and are
-trusted by nobody. *Lockstep messages* (all others) keep virtual time between
-the plant and one robot and belong to the runtime, not to the experiment.
+They keep the time of a run, virtual or real, and belong to the runtime, not to the experiment,
+whose data are broadcasts (:mod:`formation.wire.broadcast`).
 
-Everything is msgpack, but for what is sent every tick (``Broadcast`` and its envelope, ``Sense``
-and ``Drive``, ``Ask`` and ``Measured``), which are fixed little-endian structures. Floats travel
-as IEEE 754 doubles, so a value arrives bit-identical.
+Everything is msgpack, but for what is sent every tick (``Sense`` and ``Drive``, ``Ask`` and
+``Measured``), which are fixed little-endian structures. Floats travel as IEEE 754 doubles, so a
+value arrives bit-identical.
 """
 
 import math
 import struct
 from collections.abc import Callable
-from hashlib import sha256
 from typing import Any, Final, NamedTuple
-from zlib import crc32
 
 import msgpack
-from mypy_extensions import mypyc_attr
 
+from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.record import LinkRow
-from formnet.netem.core.link import FATES
+from formnet.formation.wire.state import State
+from formnet.formation.wire.tuples import make
+from formnet.netem.core.transit import FATES
 
 PROTOCOL: Final = 4
 """Version of the messages; a robot and a plant must agree on it."""
-
 
 MOST_BYTES: Final = 8 * 2**20
 """The longest message: a scenario with thousands of robots."""
 MOST_TEXT: Final = 4000
 """The longest text in them, in characters, but for the scenario."""
-
-
-make: Final = tuple.__new__
-"""``make(Kind, fields)`` makes a named tuple several times faster than ``Kind(*fields)``.
-
-For the hot path only; it checks nothing.
-"""
-
-
-@mypyc_attr(native_class=False)
-class MessageError(ValueError):
-    """Bytes that are not the message they should be; the text says why."""
-
-
-class State(NamedTuple):
-    """Pose of the middle of the wheel axle, and velocity.
-
-    Heading is unwrapped (it counts full turns), turn rate positive to the left.
-    """
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-    speed_mps: float
-    turn_rate_radps: float
-
-
-def finite(state: State) -> bool:
-    """Whether every component is finite."""
-    return math.isfinite(sum(state)) or all(map(math.isfinite, state))  # a finite sum is the rule
-
-
-class Stamped(NamedTuple):
-    """A neighbour's state as it was at ``stamp_ns``."""
-
-    robot: int
-    stamp_ns: int
-    state: State
-
-
-_BROADCAST_LAYOUT: Final = struct.Struct("<8sIqq5d")
-BROADCAST_BYTES: Final = _BROADCAST_LAYOUT.size + 4
-"""The size of every broadcast (72): links bill it, so it depends on nothing, not even the run."""
-
-
-def run_tag(run: str) -> bytes:
-    """The eight bytes that stand for run ``run`` in a broadcast: its SHA-256's first."""
-    return sha256(run.encode(errors="surrogateescape")).digest()[:8]
-
-
-class Broadcast(NamedTuple):
-    """What robot ``robot`` of the run with this ``tag`` (see :func:`run_tag`) tells its neighbours.
-
-    On the wire, BROADCAST_BYTES in this order: tag, robot as an unsigned 32-bit integer, sequence
-    and stamp as 64-bit integers, the state as five doubles, and a CRC-32 of all that: a damaged
-    state may be finite and still absurd.
-    """
-
-    tag: bytes
-    robot: int
-    sequence: int
-    stamp_ns: int
-    state: State
-
-    def pack(self) -> bytes:
-        return sealed(
-            _BROADCAST_LAYOUT.pack(self.tag, self.robot, self.sequence, self.stamp_ns, *self.state)
-        )
-
-    @classmethod
-    def unpack(cls, data: bytes) -> "Broadcast":
-        """Decode and check a broadcast.
-
-        Raises:
-            MessageError: another size, damaged, or not finite.
-        """
-        if len(data) != BROADCAST_BYTES:
-            raise MessageError(f"malformed: not {BROADCAST_BYTES} bytes")
-        content = data[:-4]
-        if data[-4:] != crc32(content).to_bytes(4, "little"):
-            raise MessageError("damaged: its checksum is another")
-        fields = _BROADCAST_LAYOUT.unpack(content)
-        state = make(State, fields[4:])
-        if not finite(state):
-            raise MessageError("not finite: pose or velocity")
-        return make(cls, (*fields[:4], state))
-
-
-def sealed(content: bytes) -> bytes:
-    """``content`` followed by its CRC-32, little-endian."""
-    return content + crc32(content).to_bytes(4, "little")
-
-
-_pack: Final[Callable[[Any], bytes]] = msgpack.Packer(autoreset=True).pack
-_ENVELOPE_LAYOUT: Final = struct.Struct("<3q")
-
-
-class Envelope(NamedTuple):
-    """The runtime's note beside a broadcast (a Zenoh attachment).
-
-    It tells a lockstep receiver that robot ``robot`` sent its broadcast of
-    ``tick``, so that it can wait for exactly that; the emulated link and the
-    law never see it. In real time, ``tick`` is the broadcast's stamp in nanoseconds.
-    ``tick`` -1 is the hello of the start handshake.
-    """
-
-    robot: int
-    sequence: int
-    tick: int
-
-    def pack(self) -> bytes:
-        return _ENVELOPE_LAYOUT.pack(*self)
-
-    @classmethod
-    def unpack(cls, data: bytes) -> "Envelope":
-        """Raises MessageError unless ``data`` is three 64-bit integers."""
-        try:
-            return make(cls, _ENVELOPE_LAYOUT.unpack(data))
-        except struct.error:
-            raise MessageError("malformed envelope: not three 64-bit integers") from None
-
-
-HELLO: Final = -1
-"""The tick of an envelope that says no more than "I can be heard"."""
 
 
 class Join(NamedTuple):
@@ -335,6 +208,8 @@ _FIELD_TYPES: Final = {
     kind: [_type if isinstance(_type, type) else list for _type in kind.__annotations__.values()]
     for kind in _KINDS
 }
+
+_pack: Final[Callable[[Any], bytes]] = msgpack.Packer(autoreset=True).pack
 
 # The messages of every tick have fixed layouts. Their first bytes are no msgpack list's.
 _SENSE: Final = 0x01

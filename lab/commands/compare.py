@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.formation.scenario.expect import Expect
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.formation.scenario.model import Expect
 from formnet.lab.commands.run import report_problems
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes, save
 from formnet.lab.judge import claim_words

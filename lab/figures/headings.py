@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from formnet.formation.scenario.model import Expect
+from formnet.formation.scenario.expect import Expect
 from formnet.lab.figures import presence
 from formnet.lab.figures.canvas import HALF_IN, MOST_NAMED, blank, colours, dashes, line_or_point
 from formnet.lab.runs.recording import Collected, Trajectories

@@ -10,7 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from formnet.formation.scenario.model import Expect, Scenario
+from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.figures import links as link_figures
 from formnet.lab.figures.canvas import (
     COLOURS,
@@ -26,8 +27,9 @@ from formnet.lab.figures.canvas import (
 from formnet.lab.figures.graph import graph
 from formnet.lab.figures.headings import headings
 from formnet.lab.judge import claim_words
-from formnet.lab.judge.lyapunov import Curve, equation, rises
+from formnet.lab.judge.lyapunov import Curve, equation
 from formnet.lab.judge.lyapunov import curve as lyapunov_curve
+from formnet.lab.judge.rises import rises
 from formnet.lab.judge.verdict import by_claim, error_series, tolerances_of, window_s
 from formnet.lab.runs.recording import Collected, Trajectories
 from formnet.plant.world import RUNAWAY

@@ -22,7 +22,7 @@ from formnet.agent.law import RAISED, Law, LawFailed, failure, make
 from formnet.formation.paper.theory import assess
 from formnet.formation.plan.roster import Happening
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.messages import Stamped, State, finite
+from formnet.formation.wire.state import Stamped, State, finite
 from formnet.netem.files.tables import nanoseconds
 from formnet.plant.body import Body, driven, left_alone, steered
 

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from formnet.formation.paper.geometry import Errors, errors
 from formnet.formation.paper.theory import CLAIMS, assess
-from formnet.formation.scenario.model import Expect, Scenario
+from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import lyapunov
+from formnet.lab.judge.rises import ROUNDING, rises, standing_causes
 from formnet.lab.runs import files
 from formnet.lab.runs.build import compiled
 from formnet.lab.runs.recording import Collected, Trajectories, trajectory_sha256
@@ -239,11 +241,11 @@ def _lyapunov(recording: Collected) -> dict[str, Any] | None:
         "initial": None if first is None else _number(found.v[first]),
         "final": _number(found.v[-1]),
         "budget": None if first is None else _number(found.budget[first + 1 :].sum()),
-        "may_rise_by": lyapunov.standing_causes(recording.scenario),
+        "may_rise_by": standing_causes(recording.scenario),
         "rises": [
             {name: _number(value) if name.endswith("gain") else value
              for name, value in rise._asdict().items()}
-            for rise in lyapunov.rises(recording, found)
+            for rise in rises(recording, found)
         ],
     }  # fmt: skip
 
@@ -278,7 +280,7 @@ def _lyapunov_claim(
         "expected": expected,
         "observed": observed,
         "holds": None if expected is None or observed is None else observed == expected,
-        "tolerance": lyapunov.ROUNDING,
+        "tolerance": ROUNDING,
         "largest_in_window": largest,
     }
 

@@ -16,7 +16,7 @@ from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Sin
 from formnet.lab.launch import stuck
 from formnet.lab.launch.signals import insisted
 from formnet.lab.runs.exits import Stop
-from formnet.netem.core.link import IN_FLIGHT, LOST_DOWN
+from formnet.netem.core.transit import IN_FLIGHT, LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.world import World
 

@@ -6,7 +6,7 @@ from itertools import combinations, groupby, pairwise
 from math import hypot
 
 from formnet.lab.runs.recording import Collected
-from formnet.netem.core.link import CORRUPTED, DELIVERED, DUPLICATED
+from formnet.netem.core.transit import CORRUPTED, DELIVERED, DUPLICATED
 
 ORDER = {"kill": 0, "pause": 1, "restart": 2, "resume": 3}
 """What befalls robots at one tick happens in this order."""

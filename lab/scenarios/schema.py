@@ -1,6 +1,6 @@
 """``formnet schema``: the JSON Schema (draft 2020-12) of the scenario format, for editors.
 
-Generated from the models of :mod:`formation.scenario.model`, whose words it takes over. It knows
+Generated from the models of :mod:`formation.scenario`, whose words it takes over. It knows
 each value by itself; what must fit together (ids, periods, ends of a range) only the loader does.
 """
 

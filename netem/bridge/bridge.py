@@ -13,7 +13,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from formnet.netem.bridge.lanes import Direction, Lane, LaneFile, Lanes, Request
-from formnet.netem.core.link import Link, Transit
+from formnet.netem.core.link import Link
+from formnet.netem.core.transit import Transit
 from formnet.netem.core.wallclock import ClockClosed, WallClock
 
 LISTEN = "listen:"

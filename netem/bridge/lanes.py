@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal
 import zenoh
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from formnet.netem.core.link import Transit
 from formnet.netem.core.statistics import LinkStatistics, Tally
+from formnet.netem.core.transit import Transit
 from formnet.netem.files.problems import Problem, problems
 from formnet.netem.files.tables import STRICT, Table
 from formnet.netem.files.toml import read_toml

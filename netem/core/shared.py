@@ -5,10 +5,9 @@ at run time.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
-if TYPE_CHECKING:
-    from formnet.netem.core.link import Transit
+from formnet.netem.core.transit import Transit
 
 
 @runtime_checkable
@@ -18,7 +17,7 @@ class Shared(Protocol):
     Its ``twin`` is itself: duplicates share the room.
     """
 
-    def occupy(self, under_way: "Sequence[Transit]") -> None:
+    def occupy(self, under_way: Sequence[Transit]) -> None:
         """Have ``under_way``, in any order, take room and time here, and nothing else.
 
         What left before the next message was sent may be among them. It is called where

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formnet.netem.core.link import CORRUPTED, DUPLICATED
+from formnet.netem.core.transit import CORRUPTED, DUPLICATED
 
 
 class Fate(NamedTuple):

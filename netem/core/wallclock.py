@@ -12,7 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from formnet.netem.core.link import Link, Transit
+from formnet.netem.core.link import Link
+from formnet.netem.core.transit import Transit
 
 _WATCH_NS = 100_000
 """From so long before an instant on the thread watches the clock: the kernel wakes it late."""

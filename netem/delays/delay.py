@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from random import Random
 
 from formnet.netem.core.checks import correlation as checked_correlation
-from formnet.netem.core.link import Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import Transit
 from formnet.netem.delays.calibration import Staircase, calibrated
 from formnet.netem.delays.copula import GaussianCopula, clipped
 from formnet.netem.delays.distributions import Distribution, Pareto

@@ -14,6 +14,7 @@ PositiveSeconds = Annotated[float, Field(ge=1e-9, le=3600.0)]
 LongSeconds = Annotated[float, Field(ge=1e-9, le=1e9)]
 """From a nanosecond to 30 years, of which the nanoseconds fit into 64 bits: lengths of runs."""
 Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
 Shape = Annotated[float, Field(ge=0.1)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Correlation = Annotated[float, Field(ge=0.0, lt=1.0)]

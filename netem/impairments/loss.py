@@ -5,7 +5,8 @@ from random import Random
 
 from formnet.netem.core.checks import correlation as checked_correlation
 from formnet.netem.core.checks import probability as checked
-from formnet.netem.core.link import LOST_BURST, LOST_RANDOM, LOST_TRACE, Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import LOST_BURST, LOST_RANDOM, LOST_TRACE, Transit
 
 
 class RandomLoss:

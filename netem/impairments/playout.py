@@ -2,7 +2,8 @@
 
 from random import Random
 
-from formnet.netem.core.link import LOST_LATE, Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import LOST_LATE, Transit
 
 
 class Playout:

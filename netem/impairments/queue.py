@@ -4,7 +4,8 @@ import heapq
 from collections.abc import Sequence
 from random import Random
 
-from formnet.netem.core.link import LOST_QUEUE, Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import LOST_QUEUE, Transit
 
 
 class QueueLimit:

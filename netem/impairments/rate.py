@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from random import Random
 
-from formnet.netem.core.link import Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import Transit
 
 
 class Rate:

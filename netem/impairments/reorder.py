@@ -3,7 +3,8 @@
 from random import Random
 
 from formnet.netem.core.checks import probability as checked
-from formnet.netem.core.link import Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import Transit
 
 
 class Reorder:

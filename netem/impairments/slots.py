@@ -4,7 +4,8 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from random import Random
 
-from formnet.netem.core.link import Impairment, Transit
+from formnet.netem.core.link import Impairment
+from formnet.netem.core.transit import Transit
 
 _SLOTS_DRAWN = 1000
 

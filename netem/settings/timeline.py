@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from formnet.netem.core.link import Link, Transit
+from formnet.netem.core.link import Link
+from formnet.netem.core.transit import Transit
 from formnet.netem.files.tables import Part
 from formnet.netem.settings.actions import Change, Cut, Heal
 from formnet.netem.settings.links import LinkOverrides, LinkSettings, SettingError
