@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from conftest import missing
 
 from formnet.lab.cli import main
-from formnet.lab.commands.export import write_mcap
+from formnet.lab.commands.look.export import write_mcap
 from formnet.lab.runs import files
 from formnet.lab.scenarios.schema import FILE
 

@@ -2,10 +2,12 @@
 
 import csv
 import io
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -13,7 +15,7 @@ from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.formation.scenario.model import Expect
-from formnet.lab.commands.run import report_problems
+from formnet.lab.commands.options import RUNS, Command
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes, save
 from formnet.lab.judge import claim_words
 from formnet.lab.judge.verdict import by_claim, error_series, settled, standing, tolerances_of
@@ -25,6 +27,7 @@ from formnet.lab.runs.folders import fresh_folder
 from formnet.lab.runs.keypaths import by_path, shown
 from formnet.lab.runs.recorded import Recorded, Unreadable, read_whole
 from formnet.lab.runs.words import motion_told
+from formnet.lab.text.problems import report_problems
 from formnet.lab.text.side_by_side import MOST_COLUMNS, Rows, renderables, turned
 from formnet.lab.text.tables import output
 
@@ -41,6 +44,26 @@ class Comparison(NamedTuple):
     results: list[tuple[str, list[str]]]
     scenario: list[tuple[str, list[str]]]
     differs: bool
+
+
+@click.command("compare", cls=Command)
+@RUNS
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write comparison.md, .csv and a figure into a new folder.",
+)
+def command(folders: tuple[Path, ...], out: Path | None) -> None:
+    """Put runs side by side.
+
+    Verdicts, errors, whether the bits are the same, and what differs in the scenarios.
+
+    Exit code 0; 1 if two runs of one scenario in virtual time differ in a bit; 2: bad usage.
+    """
+    if len(folders) < 2:
+        raise click.UsageError("compare needs two runs or more")
+    sys.exit(compare_runs(folders, out))
 
 
 def compare_runs(folders: Sequence[Path], out: Path | None) -> int:

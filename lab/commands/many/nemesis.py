@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -9,12 +10,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError, dumps
 from formnet.formation.scenario.model import Scenario
-from formnet.lab.commands.run import load_checked, report_problems, warn
+from formnet.lab.commands.options import (
+    INLINE_RUNS,
+    JOBS,
+    OVERRIDE,
+    SCENARIO,
+    Command,
+    Number,
+    Whole,
+    need_inline,
+)
+from formnet.lab.forecast.checked import load_checked
 from formnet.lab.launch import pool
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.nemesis.schedule import Episode, describe, draw, scheduled
@@ -24,6 +36,7 @@ from formnet.lab.runs import files
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, fresh_folder
+from formnet.lab.text.problems import report_problems, say_slow, warn
 
 SAMPLE_EVERY = 10
 """Of inline runs, every so many-th is run twice; every distributed one is run inline as well."""
@@ -35,6 +48,56 @@ MOST_SHRINKING_S = 600.0
 """... and how long."""
 
 
+@click.command("nemesis", cls=Command)
+@SCENARIO
+@OVERRIDE
+@click.option("--runs", type=Whole(1), default=20, show_default=True, help="How many.")
+@click.option(
+    "--seed",
+    type=Whole(0),
+    default=1,
+    show_default=True,
+    help="Seed of the first run; each next one has the next.",
+)
+@INLINE_RUNS
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder of results  [default: runs/nemesis-<time>]",
+)
+@click.option(
+    "--limit",
+    "limit_s",
+    type=Number(1.0, 1e9),
+    default=600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="A run that takes longer than this has hung.",
+)
+@JOBS
+def command(
+    scenario: Path,
+    overrides: tuple[str, ...],
+    runs: int,
+    seed: int,
+    inline: bool,
+    out: Path | None,
+    limit_s: float,
+    jobs: int | None,
+) -> None:
+    """Break SCENARIO with random failures.
+
+    Robots are killed, restarted and paused, links are cut, partitioned, delayed and lossy in the
+    first quarter of each run. Every run must end, keep its record consistent, give the same bits
+    when it is repeated, and recover to what [expect] claims. What fails is shrunk.
+
+    Exit code 0: every run is well; 1: one is not, and its seed is named; 2: bad usage;
+    3: the nemesis itself broke; 130: interrupted.
+    """
+    need_inline(jobs, inline=inline)
+    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
+
+
 def run_nemesis(
     path: Path, overrides: tuple[str, ...], runs: int, seed: int, out: Path | None,
     limit_s: float, jobs: int | None, *, inline: bool,
@@ -42,7 +105,7 @@ def run_nemesis(
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     try:
-        scenario, warnings = load_checked(path, overrides, console)
+        scenario, warnings = load_checked(path, overrides, partial(say_slow, console))
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT

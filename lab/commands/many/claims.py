@@ -1,6 +1,7 @@
 """``formnet claims``: run every claim, print the table, write it down."""
 
 import json
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
@@ -8,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -20,6 +22,7 @@ from formnet.lab.claims import figures, report
 from formnet.lab.claims.catalogue import COMPARED, catalogue
 from formnet.lab.claims.claim import Case, Claim
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
+from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline
 from formnet.lab.figures.canvas import save
 from formnet.lab.judge import verdict
 from formnet.lab.judge.claim_words import EQUATIONS, UNITS
@@ -46,6 +49,44 @@ class _Work(NamedTuple):
     case: Case
     folder: Path
     inline: bool
+
+
+@click.command("claims", cls=Command)
+@INLINE_RUNS
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="PATTERN",
+    help="Only claims whose key matches, e.g. theorem-* (--list shows the keys). Repeatable.",
+)
+@click.option("--list", "listed", is_flag=True, help="List the claims and end.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder of results  [default: runs/claims-<time>]",
+)
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    metavar="FILE",
+    help="Put the table into FILE, between the comments that mark its place there.",
+)
+@JOBS
+def command(
+    inline: bool,
+    only: tuple[str, ...],
+    listed: bool,
+    out: Path | None,
+    into: Path | None,
+    jobs: int | None,
+) -> None:
+    """Run every claim of the paper, judge each.
+
+    Exit code 0: every one ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
+    130: interrupted (what is complete is written).
+    """
+    need_inline(jobs, inline=inline)
+    sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, inline=inline))
 
 
 def run_claims(

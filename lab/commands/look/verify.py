@@ -1,17 +1,19 @@
 """``formnet verify``: does a recorded run, run again, give the same bits?"""
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.formation.wire.record import Record, Sample
-from formnet.lab.commands.run import report_problems, say_slow
+from formnet.lab.commands.options import RUNS, Command
 from formnet.lab.forecast.foresight import obstacle
 from formnet.lab.judge import verdict
 from formnet.lab.launch.execution import execute
@@ -20,8 +22,21 @@ from formnet.lab.runs.difference import first_difference, other_extremes
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recorded import Unreadable, read_whole
 from formnet.lab.runs.recording import Recording, trajectory_sha256
+from formnet.lab.text.problems import report_problems, say_slow
 from formnet.lab.text.progress import Waits
 from formnet.netem.settings.timeline import NEVER
+
+
+@click.command("verify", cls=Command)
+@RUNS
+@click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
+def command(folders: tuple[Path, ...], distributed: bool) -> None:
+    """Run recorded runs again; compare every bit.
+
+    Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
+    2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
+    """
+    sys.exit(verify_runs(folders, inline=not distributed))
 
 
 def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
