@@ -70,7 +70,12 @@ class _Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name, listed, rest = super().resolve_command(ctx, args)
-        return name, None if name is None or listed is None else load(name), rest
+        if name is None or listed is None:  # only while the shell completes
+            return name, None, rest
+        problem = None if ctx.resilient_parsing else stale()
+        if problem is not None:  # what is compiled is imported with the command
+            raise click.UsageError(problem, ctx)
+        return name, load(name), rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         column = max(map(len, self.commands))
@@ -91,6 +96,3 @@ class _Commands(click.Group):
 @click.version_option(package_name="formnet", message="formnet %(version)s")
 def main() -> None:
     """Formation control over imperfect networks: run it, break it, get a verdict."""
-    problem = stale()
-    if problem is not None:
-        raise click.UsageError(problem)

@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 
 from formnet.agent.law import accepts
 from formnet.formation.scenario.loading import load
-from formnet.lab.claims import figures, report
+from formnet.lab.claims import figures, folder, report
 from formnet.lab.claims.catalogue import COMPARED, catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
 from formnet.lab.cli import main
-from formnet.lab.commands import claims as command
+from formnet.lab.commands.many import claims as command
 from formnet.lab.launch import inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.packaged import CONFIGS
@@ -368,7 +368,7 @@ def test_results_that_cannot_be_written_are_told_and_the_table_still_shown(tmp_p
     case = Case("short", "paper/theorem2.toml", ("duration_s=0.5",), ALL_HOLD)
     claim = Claim("mine", "says", "where", "should", (case,))
     monkeypatch.setattr(command, "catalogue", lambda: [claim])
-    monkeypatch.setattr(command, "files", SimpleNamespace(write_new=no_room))
+    monkeypatch.setattr(folder, "files", SimpleNamespace(replace=no_room, write_new=no_room))
     code, said = formnet("claims", "--inline", "--out", tmp_path / "out")
     assert code == 3
     assert "mine" in said

@@ -256,7 +256,7 @@ def test_ctrl_c_at_any_early_moment_is_130_without_a_traceback(tmp_path):
     draw = random.Random(seed)
     program = (
         "import sys; print('here', flush=True); sys.argv = ['formnet', *sys.argv[1:]]; "
-        "from lab.__main__ import main; main()"
+        "from formnet.lab.program import main; main()"
     )
     for number in range(14):
         command = draw.choice((["run", "section5", "--out", f"run-{number}"], ["list"], ["laws"]))

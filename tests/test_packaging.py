@@ -80,7 +80,7 @@ def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
 
 def test_help_loads_nothing_heavy():
     code = (
-        "import sys\nfrom lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "import sys\nfrom formnet.lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "print(*sys.modules, file=sys.stderr)"
     )
     loaded = subprocess.run(

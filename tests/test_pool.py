@@ -79,7 +79,7 @@ def test_workers_die_with_the_process_that_began_them(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import os, pathlib, sys, time\n"
-        "from lab import pool\n"
+        "from formnet.lab.launch import pool\n"
         "def endless(item, stopped):\n"
         "    pathlib.Path(sys.path[0], f'{os.getpid()}.pid').touch()\n"
         "    time.sleep(600)\n"
