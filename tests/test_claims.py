@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import networkx as nx
 import pytest
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 
 from formnet.agent.law import accepts
 from formnet.formation.scenario.loading import load
-from formnet.lab.claims import figures, folder, report
+from formnet.lab.claims import figures, report
 from formnet.lab.claims.catalogue import COMPARED, catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
@@ -368,8 +367,8 @@ def test_results_that_cannot_be_written_are_told_and_the_table_still_shown(tmp_p
     case = Case("short", "paper/theorem2.toml", ("duration_s=0.5",), ALL_HOLD)
     claim = Claim("mine", "says", "where", "should", (case,))
     monkeypatch.setattr(command, "catalogue", lambda: [claim])
-    monkeypatch.setattr(folder, "files", SimpleNamespace(replace=no_room, write_new=no_room))
+    monkeypatch.setattr(command.files, "write_new", no_room)
     code, said = formnet("claims", "--inline", "--out", tmp_path / "out")
     assert code == 3
     assert "mine" in said
-    assert f"No space left on device: '{tmp_path / 'out' / 'claims.md'}'" in said
+    assert f"{tmp_path / 'out' / 'claims.json'}: No space left on device" in said

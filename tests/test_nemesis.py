@@ -4,7 +4,6 @@ import json
 import random
 from copy import deepcopy
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -21,7 +20,6 @@ from formnet.lab.nemesis.schedule import draw, scheduled
 from formnet.lab.nemesis.shrink import shrunk
 from formnet.lab.nemesis.smallest import smallest
 from formnet.lab.nemesis.trial import Trial, tried
-from formnet.lab.runs import files
 from formnet.lab.runs.recording import Collected
 from formnet.netem.settings.timeline import NEVER
 
@@ -347,9 +345,7 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
     def no_room(path, data):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(
-        command, "files", SimpleNamespace(replace=files.replace, write_new=no_room)
-    )
+    monkeypatch.setattr(command.files, "write_new", no_room)
     code, said = formnet(
         "nemesis", root / "configs" / "paper" / "section5-delay.toml", "--inline", "--runs", 1,
         "--set", "duration_s=0.5", "--set", "expect={formation=true, formation_tolerance_m=1e6}",
@@ -357,7 +353,7 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
     )  # fmt: skip
     assert code == 3
     assert "all terminate, are consistent and recover" in said
-    assert f"No space left on device: '{tmp_path / 'out' / 'nemesis.json'}'" in said
+    assert f"{tmp_path / 'out' / 'nemesis.json'}: No space left on device" in said
 
 
 def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):
