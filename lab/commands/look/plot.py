@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import FOLDER, Command
+from formnet.lab.figures import run_figures as figures
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import fresh_folder
@@ -37,8 +38,6 @@ def plot_run(folder: Path, out: Path | None) -> int:
         if not run.samples and not run.link_rows:
             raise Unreadable("; ".join(["nothing to draw", *run.problems]))
         place = folder / "figures" if out is None else fresh_folder(out, "graph.png")
-        from formnet.lab.figures import run_figures as figures
-
         figures.draw(run, place)
     except ScenarioError as error:
         report_problems(console, error)

@@ -138,7 +138,7 @@ def run_scenario(
         console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
         return BAD_INPUT
     mode = "inline" if inline else "distributed"
-    from formnet.lab.scene.rrd import RunFile  # loads Rerun, which other commands need not wait for
+    from formnet.lab.scene.rrd import RunFile  # loads Rerun: a bad scenario is told before
     from formnet.lab.watch.watcher import Watcher
 
     with stop_signals() as stopped, ExitStack() as stack:
