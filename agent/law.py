@@ -131,8 +131,9 @@ def place(error: BaseException) -> str:
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_absolute() and _CALLERS.isdisjoint(Path(frame.filename).parents)
-    ]  # of compiled modules the names are relative
+        if Path(frame.filename).is_absolute()  # those of compiled modules are relative
+        and _CALLERS.isdisjoint(Path(frame.filename).resolve().parents)  # formnet/ has links
+    ]
     own = [frame for frame in frames if frame.filename == frames[0].filename]
     return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
 

@@ -18,7 +18,7 @@ from formnet.lab.claims.catalogue import COMPARED, catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
 from formnet.lab.cli import main
-from formnet.lab.commands import claims as command
+from formnet.lab.commands.many import claims as command
 from formnet.lab.launch import inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.packaged import CONFIGS

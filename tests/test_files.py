@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from conftest import missing
 
 from formnet.lab.cli import main
-from formnet.lab.commands.export import write_mcap
+from formnet.lab.commands.look.export import write_mcap
 from formnet.lab.runs import files
 from formnet.lab.scenarios.schema import FILE
 
@@ -188,7 +188,8 @@ def test_a_schema_that_cannot_be_written_leaves_the_old_one(here):
 KEYS = """
 import resource, sys
 from pathlib import Path
-from formnet.lab.machines import keys; from formnet.lab.runs import files
+from formnet.lab.machines import keys
+from formnet.lab.runs import files
 real = files.write_new
 def write_new(path, *rest):
     if path.name == sys.argv[1]:

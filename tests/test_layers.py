@@ -50,7 +50,7 @@ BELOW: dict[str, set[str]] = {
     "lab.pages": {"lab.runs", "lab.judge", "lab.text", "lab.figures"},
     "lab.watch": {"lab.runs", "lab.judge", "lab.launch", "lab.machines", "lab.scene"},
     "lab.scenarios": {"lab.runs", "lab.forecast"},
-    "lab.claims": {"lab.runs", "lab.judge", "lab.figures"},
+    "lab.claims": {"lab.runs", "lab.judge", "lab.figures", "lab.launch", "lab.scenarios"},
     "lab.nemesis": {"lab.runs", "lab.judge", "lab.launch"},
 }
 """Which rooms of its own package a room may import."""

@@ -250,11 +250,15 @@ def test_a_robot_lost_before_its_planned_restart_comes_back_then(start):
 
 
 def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
-    package = tmp_path / "lab"
-    package.mkdir()
+    """Before anything of the command is imported: this checkout has no command at all."""
     (tmp_path / "setup.py").touch()
-    for name in ("__init__.py", "build.py", "cli.py"):
-        (package / name).write_bytes((root / "lab" / name).read_bytes())
+    needed = ("formnet/__init__.py", "formnet/__main__.py", "lab/__init__.py", "lab/cli.py",
+              "lab/program.py", "lab/streams.py", "lab/runs/__init__.py", "lab/runs/build.py",
+              "lab/runs/exits.py")  # fmt: skip
+    for name in needed:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes((root / name).read_bytes())
+    (tmp_path / "formnet" / "lab").symlink_to(tmp_path / "lab")
     source, built = tmp_path / "agent" / "robot.py", tmp_path / "agent" / "robot.cpython-3.so"
     source.parent.mkdir()
     for path, age in ((built, 100), (source, 200)):

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from formnet.formation.wire.record import LinkRow, Outcome, Sample
 from formnet.lab.cli import main
-from formnet.lab.commands import verify
+from formnet.lab.commands.look import verify
 from formnet.lab.runs.difference import first_difference
 from formnet.lab.scenarios.packaged import CONFIGS
 

@@ -46,6 +46,22 @@ class Finding(NamedTuple):
         return frozenset(problem.partition(":")[0] for problem in self.problems)
 
 
+def unfit(scenario: Scenario) -> str | None:
+    """Why a scenario is none for the nemesis, or None."""
+    if scenario.clock.mode == "realtime":
+        return 'clock.mode = "realtime": must be "lockstep", in which runs repeat to the bit'
+    if scenario.timeline:
+        return "timeline: must be empty: the nemesis makes its own (--set timeline=[])"
+    if scenario.run.on_unscheduled_loss == "abort":
+        return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
+    if not scenario.directed_links:
+        return "formation.edges = []: needs an edge: what fails is links, too"
+    expect = scenario.expect
+    if expect is None or not (expect.formation or expect.heading or expect.centroid):
+        return "expect: must claim formation, heading or centroid, to say what recovery is"
+    return None
+
+
 def tried(trial: Trial, stopped: Stopped) -> Finding:
     """Do the run, twice if asked, and see whether all is well."""
     began = time.monotonic()

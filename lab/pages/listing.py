@@ -1,4 +1,4 @@
-"""``formnet list``: what lies in a folder of runs."""
+"""What lies in a folder of runs."""
 
 import json
 from collections.abc import Mapping
@@ -6,26 +6,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from formnet.formation.wire.record import Outcome
 from formnet.lab.judge import verdict
 from formnet.lab.judge.verdict import FAILS, HOLDS, NOT_JUDGED, OBSERVED
-from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
 from formnet.lab.runs.files import as_text
 from formnet.lab.runs.recorded import Unreadable, event_lines, read_verdict
 from formnet.lab.runs.recording import being_written
-from formnet.lab.text.tables import Column, output, table
 
 RUNNING, NO_END = "running", "did not end"
 BAD = {FAILS, NOT_JUDGED, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
 """The standings in which something is wrong."""
-_STYLES = {HOLDS: "green", RUNNING: "cyan", OBSERVED: "dim", "interrupted": "yellow"}
-
-MOST_OTHERS = 10
-"""How many folders that are none of formnet's are named."""
 
 
 class Entry(NamedTuple):
@@ -63,39 +53,6 @@ class Entry(NamedTuple):
     def as_json(self) -> dict[str, Any]:
         """For other programs."""
         return self._asdict() | {"folder": str(self.folder)}
-
-
-def list_runs(folder: Path, *, as_json: bool) -> int:
-    """Print what lies in ``folder`` and make its index page; the exit code of the command."""
-    console = Console(stderr=True, highlight=False)
-    if not folder.is_dir():
-        console.print(f"[red]{escape(str(folder))}:[/] is no folder; formnet run makes runs/ where "
-                      "it is called", soft_wrap=True)  # fmt: skip
-        return BAD_INPUT
-    if (folder / "events.jsonl").exists():
-        console.print(f"[red]{escape(str(folder))}:[/] is one run; give the folder that it is in",
-                      soft_wrap=True)  # fmt: skip
-        return BAD_INPUT
-    entries, others = look_into(folder)
-    if as_json:
-        print(json.dumps([entry.as_json() for entry in entries], indent=2, ensure_ascii=False))
-    elif entries:
-        output().print(_table(entries))
-    if others:
-        more = f" and {len(others) - MOST_OTHERS} more" if len(others) > MOST_OTHERS else ""
-        named = escape(", ".join(others[:MOST_OTHERS]))
-        console.print(f"not of formnet: {named}{more}", soft_wrap=True)
-    if not entries:
-        console.print(f"no runs in {escape(str(folder))}", soft_wrap=True)
-        return ALL_HOLD
-    if folder.resolve().name != "runs":
-        return ALL_HOLD  # its page would be a surprise
-    from formnet.lab.pages.report import write_index
-
-    problem = write_index(folder, entries)
-    console.print(f"as a page: {escape(str(folder / 'index.html'))}" if problem is None
-                  else f"[yellow]no index page:[/] {escape(problem)}", soft_wrap=True)  # fmt: skip
-    return ALL_HOLD
 
 
 def look_into(folder: Path) -> tuple[list[Entry], list[str]]:
@@ -187,24 +144,6 @@ def _changed(place: Path) -> str:
     return changed.astimezone().isoformat(timespec="seconds")
 
 
-def _table(entries: list[Entry]) -> Table:
-    columns = [
-        Column("folder", left=True, wraps=output().is_terminal),
-        Column("standing", left=True), Column("claims", 1, left=True, wraps=True),
-        Column("settled", 3), Column("simulated", 4), Column("begun", 2, left=True),
-    ]  # fmt: skip
-    rows = []
-    for entry in entries:
-        style = _STYLES.get(entry.standing, "red")
-        said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
-        rows.append([
-            escape(entry.title), f"[{style}]{escape(entry.standing)}[/]", escape(said),
-            entry.settled, _seconds(entry.simulated_s),
-            entry.when[:16].replace("T", " "),
-        ])  # fmt: skip
-    return table("", columns, rows, "--json has all", output().width)
-
-
 def in_words(claims: Mapping[str, bool | None]) -> str:
     """What was expected: its names if all holds, and else what does not."""
     failing = [name for name, holds in claims.items() if holds is False]
@@ -212,7 +151,3 @@ def in_words(claims: Mapping[str, bool | None]) -> str:
     parts = [f"FAILS: {', '.join(failing)}"] if failing else []
     parts += [f"not judged: {', '.join(unknown)}"] if unknown else []
     return "; ".join(parts) or ", ".join(claims)
-
-
-def _seconds(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f} s"

@@ -11,23 +11,18 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, UndefinedError
-from rich.console import Console
-from rich.markup import escape
 
 from formnet.formation.paper.theory import assess, of_the_paper
 from formnet.formation.scenario.loading import ScenarioError, dumps
 from formnet.formation.wire.record import Event
-from formnet.lab.commands.check import describe
-from formnet.lab.commands.run import report_problems
 from formnet.lab.judge import claim_words, verdict
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages.pictures import pictures
 from formnet.lab.runs import files
-from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
-from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.keypaths import by_path, shown
 from formnet.lab.runs.recorded import Recorded, Unreadable, read_run
 from formnet.lab.runs.words import motion_told, named, times, told
+from formnet.lab.text.assessment import describe
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -51,26 +46,6 @@ class Moment(NamedTuple):
     kind: str
     told: str
     tone: str
-
-
-def report_runs(folders: Sequence[Path]) -> int:
-    """Make the pages of runs again; the exit code of ``formnet report``."""
-    console = Console(stderr=True, highlight=False)
-    code = ALL_HOLD
-    for folder in folders:
-        try:
-            file = write_report(folder, draw_missing=True)
-            console.print(escape(str(file)), soft_wrap=True)
-            continue
-        except ScenarioError as error:
-            report_problems(console, error)
-        except Unreadable as error:
-            console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
-        except OSError as error:
-            console.print(f"[red]not written:[/] {escape(in_words(error))}", soft_wrap=True)
-            code = max(code, code_of(error))
-        code = max(code, BAD_INPUT)
-    return code
 
 
 def leave(folder: Path) -> str | None:

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,8 +13,15 @@ from formnet.lab.judge import verdict
 from formnet.lab.runs.recording import Recording
 from formnet.lab.runs.words import named, times
 
-if TYPE_CHECKING:
-    from formnet.lab.scene.rrd import RunFile
+
+class Scene(Protocol):
+    """What draws a run while it goes on, such as :class:`lab.scene.rrd.RunFile`."""
+
+    def take(self, record: Record) -> None:
+        """Take one record, from any thread."""
+
+    def refresh(self) -> None:
+        """Draw what came, if it is time."""
 
 
 class Waits:
@@ -42,7 +49,7 @@ class Waits:
 class Watch:
     """Shows a run while it goes on: progress, current errors, and events as they come."""
 
-    def __init__(self, console: Console, recording: Recording, scene: "RunFile") -> None:
+    def __init__(self, console: Console, recording: Recording, scene: Scene) -> None:
         self._console = console
         self._recording = recording
         self._scene = scene

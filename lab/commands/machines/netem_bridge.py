@@ -1,12 +1,15 @@
 """``formnet netem-bridge``: run a bridge until Ctrl-C, then say what became of the messages."""
 
+import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.lab.commands.options import Command
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.text.links_table import links_table
 from formnet.lab.text.tables import output
@@ -20,6 +23,40 @@ _ARROWS = {"forward": "→", "backward": "←"}
 
 class _BadOption(ValueError):
     """A value of an option that cannot be used."""
+
+
+@click.command("netem-bridge", cls=Command)
+@click.option(
+    "--from",
+    "first",
+    required=True,
+    metavar="ENDPOINT",
+    help="One network, e.g. tcp/127.0.0.1:7447: connect there; with listen: before it, wait "
+    "there for applications to connect.",
+)
+@click.option("--to", "second", required=True, metavar="ENDPOINT", help="The other network.")
+@click.option(
+    "--key", "keys", default="**", show_default=True, metavar="KEYEXPR", help="What is carried."
+)
+@click.option(
+    "--network",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.toml",
+    help="The links: [network.default] and [[network.links]] with key and direction.",
+)
+@click.option(
+    "--control",
+    metavar="HOST:PORT",
+    help="Show statistics and take changes there (HTTP, JSON), e.g. 127.0.0.1:8765.",
+)
+def command(first: str, second: str, keys: str, network: Path, control: str | None) -> None:
+    """Join two Zenoh networks by emulated links.
+
+    Until Ctrl-C. Carries publications (put, delete), queries and replies that match --key, both
+    ways.
+    """
+    sys.exit(run_bridge(first, second, keys, network, control))
 
 
 def run_bridge(first: str, second: str, keys: str, network: Path, control: str | None) -> int:

@@ -13,11 +13,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.wire.security import MONITOR, PLANT
+from formnet.lab.commands.options import KEYS, Command
 from formnet.lab.machines.probe import certificate, probe
 from formnet.lab.runs.build import install
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN
@@ -41,6 +43,19 @@ class Check(NamedTuple):
     found: str
     problem: str = ""
     remedy: str = ""
+
+
+@click.command("doctor", cls=Command)
+@click.option(
+    "--hosts", type=click.Path(path_type=Path), metavar="HOSTS.toml", help="Look at these, too."
+)
+@KEYS
+def command(hosts: Path | None, keys: Path | None) -> None:
+    """Check this machine and others; say how to mend what is wrong.
+
+    Exit code 0: all is well; 2: bad usage; 3: something is not well.
+    """
+    sys.exit(examine(hosts, keys))
 
 
 def examine(path: Path | None, keys: Path | None) -> int:

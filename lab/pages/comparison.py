@@ -1,4 +1,4 @@
-"""``formnet compare``: runs side by side."""
+"""Runs side by side: what tells them apart, as tables and as a figure."""
 
 import csv
 import io
@@ -8,25 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.markup import escape
 
 from formnet.formation.scenario.expect import Expect
-from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.run import report_problems
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes, save
 from formnet.lab.judge import claim_words
 from formnet.lab.judge.verdict import by_claim, error_series, settled, standing, tolerances_of
 from formnet.lab.runs import files
 from formnet.lab.runs.difference import first_difference, other_extremes
-from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
-from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import filled
 from formnet.lab.runs.keypaths import by_path, shown
-from formnet.lab.runs.recorded import Recorded, Unreadable, read_whole
+from formnet.lab.runs.recorded import Recorded
 from formnet.lab.runs.words import motion_told
-from formnet.lab.text.side_by_side import MOST_COLUMNS, Rows, renderables, turned
-from formnet.lab.text.tables import output
+from formnet.lab.text.side_by_side import MOST_COLUMNS, Rows, turned
 
 MOST_RUNS = 2 * len(COLOURS)
 """How many runs can be told apart in the figure: by colour, and by dashes."""
@@ -41,39 +33,6 @@ class Comparison(NamedTuple):
     results: list[tuple[str, list[str]]]
     scenario: list[tuple[str, list[str]]]
     differs: bool
-
-
-def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
-    """Print what tells the runs apart, write it down; the exit code of ``formnet compare``."""
-    console = Console(stderr=True, highlight=False)
-    if len(folders) > MOST_RUNS:
-        console.print(f"[red]{len(folders)} runs:[/] at most {MOST_RUNS} can be told apart")
-        return BAD_INPUT
-    found = []
-    for folder in folders:
-        try:
-            found.append(read_whole(folder))
-        except ScenarioError as error:
-            report_problems(console, error)
-            return BAD_INPUT
-        except Unreadable as error:
-            console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
-            return BAD_INPUT
-    compared = comparison(found)
-    try:
-        if out is not None:
-            with filled(out, "comparison.md"):
-                _write(out, compared, figure(found, compared.names))
-    except OSError as error:
-        console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
-        return code_of(error)
-    page = output()
-    for title, rows in _parts(compared):
-        for item in renderables(title, compared.names, rows, page.width, _coloured):
-            page.print(item)
-    if out is not None:
-        console.print(f"everything is in {escape(str(out))}", soft_wrap=True)
-    return ONE_FAILS if compared.differs else ALL_HOLD
 
 
 def comparison(found: Sequence[Recorded]) -> Comparison:
@@ -202,23 +161,21 @@ def _number(value: float | None, form: str = ".2e") -> str:
     return "–" if value is None else format(value, form)
 
 
-def _parts(compared: Comparison) -> Iterator[tuple[str, Rows]]:
+def parts(compared: Comparison) -> Iterator[tuple[str, Rows]]:
+    """The tables: a title, and the rows."""
     yield "results", compared.results
     nothing = [("(nothing)", [""] * len(compared.names))]
     yield "what differs in the scenarios", compared.scenario or nothing
 
 
-def _coloured(cell: str) -> str:
-    style = {"holds": "green", "FAILS": "red", "differs": "red", "identical": "green"}.get(
-        cell.split(",")[0].split(" (")[0]
-    )
-    return escape(cell) if style is None else f"[{style}]{escape(cell)}[/]"
+def write(folder: Path, compared: Comparison, drawn: Figure) -> None:
+    """``comparison.md`` and ``comparison.csv``, the tables, and ``errors.png``, the figure.
 
-
-def _write(folder: Path, compared: Comparison, drawn: Figure) -> None:
-    """The tables as Markdown and CSV, and the figure."""
+    Raises:
+        OSError: a file cannot be written.
+    """
     lines = []
-    for title, rows in _parts(compared):
+    for title, rows in parts(compared):
         lines += [f"## {title.capitalize()}", ""]
         if len(compared.names) <= MOST_COLUMNS:
             lines += _markdown([["", *compared.names], *([place, *cells] for place, cells in rows)])
@@ -234,7 +191,7 @@ def _write(folder: Path, compared: Comparison, drawn: Figure) -> None:
     text = io.StringIO(newline="")
     table = csv.writer(text)
     table.writerow(["", *compared.names])
-    table.writerows([place, *cells] for _, rows in _parts(compared) for place, cells in rows)
+    table.writerows([place, *cells] for _, rows in parts(compared) for place, cells in rows)
     files.write_new(folder / "comparison.csv", text.getvalue())
     save(drawn, folder, "errors")
 

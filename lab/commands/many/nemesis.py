@@ -2,37 +2,94 @@
 
 import json
 import shlex
-import time
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError, dumps
-from formnet.formation.scenario.model import Scenario
-from formnet.lab.commands.run import load_checked, report_problems, warn
+from formnet.lab.commands.options import (
+    INLINE_RUNS,
+    JOBS,
+    OVERRIDE,
+    SCENARIO,
+    Command,
+    Number,
+    Whole,
+    need_inline,
+)
+from formnet.lab.forecast.checked import load_checked
 from formnet.lab.launch import pool
 from formnet.lab.launch.signals import stop_signals
-from formnet.lab.nemesis.schedule import Episode, describe, draw, scheduled
-from formnet.lab.nemesis.shrink import shrunk
-from formnet.lab.nemesis.trial import Finding, Trial, tried
+from formnet.lab.nemesis.schedule import describe, draw, scheduled
+from formnet.lab.nemesis.smallest import MOST_SHRINKING_S, smallest
+from formnet.lab.nemesis.trial import Finding, Trial, tried, unfit
 from formnet.lab.runs import files
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, forget, fresh_folder
+from formnet.lab.text.problems import report_problems, say_slow, warn
 
 SAMPLE_EVERY = 10
 """Of inline runs, every so many-th is run twice; every distributed one is run inline as well."""
 CHAOS_SHARE = 0.25
 """The share of a run in which things go wrong; the rest is for recovery."""
-MOST_TRIALS = 150
-"""How many runs shrinking may take ..."""
-MOST_SHRINKING_S = 600.0
-"""... and how long."""
+
+
+@click.command("nemesis", cls=Command)
+@SCENARIO
+@OVERRIDE
+@click.option("--runs", type=Whole(1), default=20, show_default=True, help="How many.")
+@click.option(
+    "--seed",
+    type=Whole(0),
+    default=1,
+    show_default=True,
+    help="Seed of the first run; each next one has the next.",
+)
+@INLINE_RUNS
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder of results  [default: runs/nemesis-<time>]",
+)
+@click.option(
+    "--limit",
+    "limit_s",
+    type=Number(1.0, 1e9),
+    default=600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="A run that takes longer than this has hung.",
+)
+@JOBS
+def command(
+    scenario: Path,
+    overrides: tuple[str, ...],
+    runs: int,
+    seed: int,
+    inline: bool,
+    out: Path | None,
+    limit_s: float,
+    jobs: int | None,
+) -> None:
+    """Break SCENARIO with random failures.
+
+    Robots are killed, restarted and paused, links are cut, partitioned, delayed and lossy in the
+    first quarter of each run. Every run must end, keep its record consistent, give the same bits
+    when it is repeated, and recover to what [expect] claims. What fails is shrunk.
+
+    Exit code 0: every run is well; 1: one is not, and its seed is named; 2: bad usage;
+    3: the nemesis itself broke; 130: interrupted.
+    """
+    need_inline(jobs, inline=inline)
+    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
 
 
 def run_nemesis(
@@ -42,12 +99,12 @@ def run_nemesis(
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     try:
-        scenario, warnings = load_checked(path, overrides, console)
+        scenario, warnings = load_checked(path, overrides, partial(say_slow, console))
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
     warn(console, warnings)
-    refused = _unfit(scenario)
+    refused = unfit(scenario)
     if refused is not None:
         console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
         return BAD_INPUT
@@ -106,22 +163,6 @@ def _begun(folder: Path, command: str) -> Path:
     return folder
 
 
-def _unfit(scenario: Scenario) -> str | None:
-    """Why a scenario is none for the nemesis, or None."""
-    if scenario.clock.mode == "realtime":
-        return 'clock.mode = "realtime": must be "lockstep", in which runs repeat to the bit'
-    if scenario.timeline:
-        return "timeline: must be empty: the nemesis makes its own (--set timeline=[])"
-    if scenario.run.on_unscheduled_loss == "abort":
-        return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
-    if not scenario.directed_links:
-        return "formation.edges = []: needs an edge: what fails is links, too"
-    expect = scenario.expect
-    if expect is None or not (expect.formation or expect.heading or expect.centroid):
-        return "expect: must claim formation, heading or centroid, to say what recovery is"
-    return None
-
-
 def _repeat(path: Path, overrides: Sequence[str], limit_s: float, *, inline: bool) -> str:
     """The command that repeats one run, up to its seed."""
     words = ["formnet", "nemesis", str(path)]
@@ -141,7 +182,7 @@ def _report(
     console.print(f"  repeat it: {escape(repeat)} {trial.seed}", soft_wrap=True)
     console.print(f"  shrinking its {len(trial.episodes)} episodes, for {MOST_SHRINKING_S / 60:g} "
                   "minutes at most …", soft_wrap=True)  # fmt: skip
-    least = _shrunk(trial, finding, stopped)
+    least = smallest(trial, finding, stopped)
     place = folder / f"seed-{trial.seed}"
     place.mkdir()
     for name, episodes in (("drawn", trial.episodes), ("shrunk", least)):
@@ -154,30 +195,6 @@ def _report(
                   f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
     for line in lines or ["(none: it fails without any)"]:
         console.print(f"    {escape(line)}", soft_wrap=True)
-
-
-def _shrunk(trial: Trial, finding: Finding, stopped: pool.Stopped) -> list[Episode]:
-    """The least of a failing schedule that fails alike, in one process if it does so there too."""
-    trials = 0
-    deadline = time.monotonic() + MOST_SHRINKING_S
-
-    def fails(episodes: Sequence[Episode], *, inline: bool) -> bool:
-        nonlocal trials
-        trials += 1
-        if trials > MOST_TRIALS or over():
-            return False
-        smaller = trial._replace(episodes=episodes, inline=inline, twice=True)
-        return finding.kinds <= tried(smaller, over).kinds and not over()
-
-    def over() -> bool:
-        return stopped() or time.monotonic() > deadline
-
-    inline = trial.inline or fails(trial.episodes, inline=True)
-
-    def shorter(episode: Episode) -> Episode | None:
-        return episode.shorter() if episode.end_s - episode.begin_s > 0.02 else None
-
-    return shrunk(trial.episodes, lambda some: fails(some, inline=inline), shorter)
 
 
 def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:

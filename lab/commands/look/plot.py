@@ -1,17 +1,34 @@
 """``formnet plot``: the figures of a recorded run, drawn again."""
 
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.run import report_problems
+from formnet.lab.commands.options import FOLDER, Command
+from formnet.lab.figures import run_figures as figures
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import filled
 from formnet.lab.runs.recorded import Unreadable, read_run
+from formnet.lab.text.problems import report_problems
+
+
+@click.command("plot", cls=Command)
+@FOLDER
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="New folder  [default: figures/ of the run]",
+)
+def command(folder: Path, out: Path | None) -> None:
+    """Draw a run's figures again, from its folder."""
+    sys.exit(plot_run(folder, out))
 
 
 def plot_run(folder: Path, out: Path | None) -> int:
@@ -21,8 +38,6 @@ def plot_run(folder: Path, out: Path | None) -> int:
         run = read_run(folder)
         if not run.samples and not run.link_rows:
             raise Unreadable("; ".join(["nothing to draw", *run.problems]))
-        from formnet.lab.figures import run_figures as figures
-
         place = out or folder / "figures"
         with nullcontext() if out is None else filled(out, "graph.png"):
             figures.draw(run, place)

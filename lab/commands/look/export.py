@@ -1,9 +1,11 @@
 """``formnet export``: a run for other programs, as CSV or MCAP."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
@@ -11,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.run import report_problems
+from formnet.lab.commands.options import FOLDER, Command
 from formnet.lab.runs import files
 from formnet.lab.runs.build import install
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
@@ -19,6 +21,26 @@ from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
 from formnet.lab.runs.recorded import Recorded, Unreadable, event_lines, read_whole
 from formnet.lab.runs.recording import LINKS, STATES
+from formnet.lab.text.problems import report_problems
+
+
+@click.command("export", cls=Command)
+@FOLDER
+@click.option("--format", "kind", type=click.Choice(["mcap", "csv"]), required=True)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE|DIR",
+    help="New file (mcap) or folder (csv)  [default: run.mcap or csv/ in the run's folder]",
+)
+def command(folder: Path, kind: str, out: Path | None) -> None:
+    """Write a run as MCAP or CSV.
+
+    MCAP is for Foxglove (needs the extra "export"), CSV for spreadsheets.
+
+    What is there is never overwritten.
+    """
+    sys.exit(export_run(folder, kind, out))
 
 
 def export_run(folder: Path, kind: str, out: Path | None) -> int:

@@ -1,16 +1,9 @@
-"""What the shell completes after ``formnet``; :mod:`click.shell_completion` does the rest."""
+"""What the shell completes for an argument; :mod:`click.shell_completion` does the rest."""
 
 from pathlib import Path
 
 import click
-from click.shell_completion import CompletionItem, get_completion_class
-
-
-def script(command: click.Command, shell: str) -> str:
-    """What ``shell`` must evaluate so that it completes ``formnet``."""
-    kind = get_completion_class(shell)
-    assert kind is not None
-    return kind(command, {}, "formnet", "_FORMNET_COMPLETE").source()
+from click.shell_completion import CompletionItem
 
 
 def toml_files(
