@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from formnet.formation.scenario.law import W1
 from formnet.formation.scenario.model import Scenario
@@ -128,6 +127,8 @@ def shifted(t_s: Array, values: Array, rates: Array | None, delay_s: float) -> A
     at = np.maximum(t_s - delay_s, t_s[0])
     if rates is None:
         return np.interp(at, t_s, values)  # type: ignore[no-any-return]
+    from scipy.interpolate import CubicHermiteSpline  # slow to import
+
     return CubicHermiteSpline(t_s, values, rates)(at)  # type: ignore[no-any-return]
 
 
