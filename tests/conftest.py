@@ -1,6 +1,7 @@
 """What all tests share: the paper's scenarios, and random tests that repeat."""
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
@@ -22,7 +23,12 @@ settings.load_profile("formnet")
 
 
 def pytest_configure() -> None:
-    """Refuse to test compiled modules that are older than their source."""
+    """Refuse to test compiled modules that are older than their source; signals as at a terminal.
+
+    What is started in the background, or by nohup, ignores them, and so would what it starts.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     problem = stale()
     if problem is not None:
         raise pytest.UsageError(problem)
