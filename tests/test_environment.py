@@ -285,7 +285,7 @@ def test_commands_anywhere(recorded, place, tmp_path):
     seed = random.randrange(2**32)
     print(f"seed {seed}")
     draw = random.Random(seed)
-    for number in range(24):
+    for number in range(14):
         size = draw.choice(("24k", "96k", "400k", "40m"))
         place.mount(size)
         protected = draw.random() < 0.25
@@ -423,7 +423,7 @@ def test_a_signal_before_the_first_tick_ends_a_run_as_interrupted(tmp_path):
     seed = random.randrange(2**32)
     print(f"seed {seed}")
     draw = random.Random(seed)
-    for number in range(8):
+    for number in range(4):
         engine = ["--inline"] if number % 2 else []
         out = tmp_path / f"run-{number}"
         process = started(["run", "section5-delay", *engine, "--no-figures", "--set",
