@@ -1,7 +1,6 @@
 """Many pieces of work: at once and in turn, ended early, and failing."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -9,38 +8,9 @@ import time
 import psutil
 import pytest
 from rich.console import Console
+from workers import dying, endless, failing, squared, until_stopped
 
 from formnet.lab.launch import pool
-
-
-def squared(item, stopped):
-    return item * item
-
-
-def until_stopped(item, stopped):
-    if item == 0:
-        return "first"
-    while not stopped():
-        pass
-    return "stopped"
-
-
-class Unpicklable(Exception):
-    def __init__(self, one, two):
-        super().__init__(one)
-
-
-def endless(begun, stopped):
-    begun.touch()
-    time.sleep(600.0)
-
-
-def failing(item, stopped):
-    raise Unpicklable("three is", "not good")
-
-
-def dying(item, stopped):
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_every_item_is_done_once():
