@@ -6,7 +6,7 @@ import sys
 import pytest
 
 LOOK = "import os; import formnet.formation.wire.bus; print(os.environ['ZENOH_RUNTIME'])"
-MANY = "from formation import threads; threads.many(); " + LOOK
+MANY = "from formnet.formation.wire import threads; threads.many(); " + LOOK
 MINE = "(app: (worker_threads: 3))"
 
 
