@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import cache, lru_cache
 from itertools import pairwise
 from statistics import NormalDist
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from formnet.netem.delays.copula import clipped
 from formnet.netem.delays.distributions import Distribution, Known
 
 Quantile = Callable[[float], float]
-Floats = NDArray[np.float64]
+Floats: TypeAlias = NDArray[np.float64]  # said, as an install compiles before NumPy is there
 
 _NORMAL = NormalDist()
 _NODES = 180
