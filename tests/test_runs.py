@@ -295,9 +295,8 @@ def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     """An install compiles the hot path where it can; the source alone must give the same bits."""
     if not build.compiled():
         missing("gcc")
-    for package in ("agent", "formation", "lab", "netem", "plant"):
-        shutil.copytree(root / package, tmp_path / "source" / package,
-                        ignore=shutil.ignore_patterns("*.so"))  # fmt: skip
+    shutil.copytree(root / "formnet", tmp_path / "source" / "formnet",
+                    ignore=shutil.ignore_patterns("*.so"))  # fmt: skip
     short = ("--inline", "duration_s=0.6", *RANDOM_NETWORK)
     alone = {"PYTHONPATH": str(tmp_path / "source"), "PYTHONSAFEPATH": "1"}
     interpreted = start("interpreted", *short, env=alone)
