@@ -30,7 +30,7 @@ bench: $(VENV)/.bench
 
 reference: $(VENV)/.base
 	$(BIN)/formnet schema --out configs/scenario.schema.json
-	$(BIN)/python -m lab.reference docs/scenario.md
+	$(BIN)/python -m formnet.lab.scenarios.reference docs/scenario.md
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -50,4 +50,4 @@ $(VENV)/.bench: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	@touch $@ $(VENV)/.base
 
 clean:
-	rm -rf $(VENV) *.egg-info build site *.so */*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) *.egg-info build site *.so */*.so */*/*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -7,33 +7,45 @@ the environment nothing is compiled, and the wheel is for every machine.
 
 import os
 import sys
+from pathlib import Path
 
 from setuptools import Extension, setup
 
+for link in Path("formnet").iterdir():
+    if link.is_file() and link.suffix == "" and link.name != "py.typed":
+        sys.exit(
+            f"{link} is a text file where a symbolic link should be: this checkout was made "
+            "without them. `git config core.symlinks true` and `git checkout -- formnet` make them."
+        )
+
 HOT = [
-    "agent/base.py",
-    "agent/cooperative.py",
-    "agent/dynamics.py",
-    "agent/excitation.py",
-    "agent/process.py",
-    "agent/realtime.py",
-    "agent/robot.py",
-    "agent/timed.py",
-    "formation/bus.py",
-    "formation/messages.py",
-    "netem/copula.py",
-    "netem/delay.py",
-    "netem/distributions.py",
-    "netem/link.py",
-    "netem/loss.py",
-    "netem/markov.py",
-    "plant/body.py",
-    "plant/extremes.py",
-    "plant/host.py",
-    "plant/lockstep.py",
-    "plant/realtime.py",
-    "plant/timed.py",
-    "plant/world.py",
+    "formnet/agent/base.py",
+    "formnet/agent/cooperative.py",
+    "formnet/agent/dynamics.py",
+    "formnet/agent/excitation.py",
+    "formnet/agent/process.py",
+    "formnet/agent/realtime.py",
+    "formnet/agent/robot.py",
+    "formnet/agent/timed.py",
+    "formnet/formation/wire/broadcast.py",
+    "formnet/formation/wire/bus.py",
+    "formnet/formation/wire/messages.py",
+    "formnet/formation/wire/state.py",
+    "formnet/formation/wire/tuples.py",
+    "formnet/netem/delays/copula.py",
+    "formnet/netem/delays/delay.py",
+    "formnet/netem/delays/distributions.py",
+    "formnet/netem/core/link.py",
+    "formnet/netem/core/transit.py",
+    "formnet/netem/impairments/loss.py",
+    "formnet/netem/impairments/markov.py",
+    "formnet/plant/body.py",
+    "formnet/plant/extremes.py",
+    "formnet/plant/host.py",
+    "formnet/plant/lockstep.py",
+    "formnet/plant/realtime.py",
+    "formnet/plant/timed.py",
+    "formnet/plant/world.py",
 ]
 
 

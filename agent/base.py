@@ -10,24 +10,18 @@ from collections.abc import Callable, Mapping, Set
 from numbers import Real
 from typing import Any, NamedTuple
 
-from agent.law import RAISED, Command, Law, failure
-from formation.messages import (
-    Broadcast,
-    Drive,
-    Envelope,
-    MessageError,
-    Rejected,
-    Stamped,
-    State,
-    make,
-    run_tag,
-)
-from formation.record import LinkRow
-from formation.roster import Roster
-from formation.scenario import Scenario
-from netem.link import IN_FLIGHT, Transit
-from netem.tables import nanoseconds
-from netem.timeline import NEVER
+from formnet.agent.law import RAISED, Command, Law, failure
+from formnet.formation.plan.roster import Roster
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Drive, Rejected
+from formnet.formation.wire.record import LinkRow
+from formnet.formation.wire.state import Stamped, State
+from formnet.formation.wire.tuples import make
+from formnet.netem.core.transit import IN_FLIGHT, Transit
+from formnet.netem.files.tables import nanoseconds
+from formnet.netem.settings.timeline import NEVER
 
 
 def pair(command: Any) -> Command:

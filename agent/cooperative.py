@@ -14,10 +14,10 @@ than NumPy, and this runs once per robot and control period.
 
 from math import cos, sin
 
-from agent.dynamics import DynamicLayer
-from agent.excitation import Excitation, W1Signal
-from agent.law import Command, Situation
-from formation.messages import Stamped, State
+from formnet.agent.dynamics import DynamicLayer
+from formnet.agent.excitation import Excitation, W1Signal
+from formnet.agent.law import Command, Situation
+from formnet.formation.wire.state import Stamped, State
 
 Coordinates = tuple[float, float, float, float, float, float, float, float, float]
 """(ζ2, ζ3, z2, S, u1, u2, ζ̇3, ż2, Ṡ) of one robot at one instant, S = z1 + Δ (Eqs. 8, 19).

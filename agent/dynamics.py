@@ -6,8 +6,8 @@ Shared by every law that decides velocities first. Plain floats and no arrays, a
 
 from math import exp, sqrt
 
-from agent.law import Command, Situation, parameters
-from formation.messages import make
+from formnet.agent.law import Command, Situation, parameters
+from formnet.formation.wire.tuples import make
 
 
 class DynamicLayer:

@@ -2,7 +2,7 @@
 
 import math
 
-from formation.scenario import W1
+from formnet.formation.scenario.law import W1
 
 Excitation = tuple[float, float, float, float]
 """∫₀ᵗ w1, w1, ẇ1, ẅ1 at one instant."""

@@ -23,9 +23,11 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from formation.messages import Stamped, State
-from formation.scenario import LawSettings, Scenario, Vehicle
-from netem.problems import nearest
+from formnet.formation.scenario.law import LawSettings
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.scenario.robots import Vehicle
+from formnet.formation.wire.state import Stamped, State
+from formnet.netem.files.problems import nearest
 
 _CALLERS = {
     *(Path(__file__).resolve().parents[1] / name for name in ("agent", "lab")),
@@ -129,8 +131,9 @@ def place(error: BaseException) -> str:
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_absolute() and _CALLERS.isdisjoint(Path(frame.filename).parents)
-    ]  # of compiled modules the names are relative
+        if Path(frame.filename).is_absolute()  # those of compiled modules are relative
+        and _CALLERS.isdisjoint(Path(frame.filename).resolve().parents)  # formnet/ has links
+    ]
     own = [frame for frame in frames if frame.filename == frames[0].filename]
     return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
 

@@ -16,11 +16,11 @@ from typing import Annotated
 
 from pydantic import Field, ValidationError
 
-from agent.dynamics import DynamicLayer
-from agent.law import Command, Situation
-from formation.messages import Stamped, State
-from netem.problems import problems
-from netem.tables import Positive, Table
+from formnet.agent.dynamics import DynamicLayer
+from formnet.agent.law import Command, Situation
+from formnet.formation.wire.state import Stamped, State
+from formnet.netem.files.problems import problems
+from formnet.netem.files.tables import Positive, Table
 
 NEAREST_M = 1e-6
 """A distance to the leader below this counts as this, where bearings lose their meaning."""

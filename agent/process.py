@@ -21,14 +21,15 @@ from typing import Any
 
 import zenoh
 
-from agent.law import RAISED, LawFailed, make
-from agent.realtime import RealtimeLoop
-from agent.robot import Robot
-from agent.timed import TimedRobot
-from formation import bus
-from formation.loading import loads
-from formation.messages import (
-    HELLO,
+from formnet.agent.law import RAISED, LawFailed, make
+from formnet.agent.realtime import RealtimeLoop
+from formnet.agent.robot import Robot
+from formnet.agent.timed import TimedRobot
+from formnet.formation.scenario.loading import loads
+from formnet.formation.wire import bus
+from formnet.formation.wire.broadcast import HELLO, Envelope
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import (
     KILL,
     MOST_TEXT,
     PLANT,
@@ -37,7 +38,6 @@ from formation.messages import (
     Brief,
     CatchUp,
     End,
-    Envelope,
     Failed,
     Gone,
     Join,
@@ -45,7 +45,6 @@ from formation.messages import (
     Measured,
     Meet,
     Message,
-    MessageError,
     Ready,
     Rejected,
     Sense,
@@ -53,9 +52,9 @@ from formation.messages import (
     decode,
     encode,
 )
-from formation.process import on_stop
-from formation.security import Credentials, robot_name
-from netem.link import IN_FLIGHT, LOST_DOWN
+from formnet.formation.wire.process import on_stop
+from formnet.formation.wire.security import Credentials, robot_name
+from formnet.netem.core.transit import IN_FLIGHT, LOST_DOWN
 
 RETRY_S = 0.05
 """How often an unanswered handshake message is repeated."""
@@ -366,7 +365,7 @@ def main(
 ) -> int:  # fmt: skip
     """Run robot ``robot`` of run ``run`` against the plant at ``connect``; returns the exit code.
 
-    ``keys``, ``plaintext`` and ``lease_s`` are as in :func:`formation.bus.session`.
+    ``keys``, ``plaintext`` and ``lease_s`` are as in :func:`formation.wire.bus.session`.
 
     Raises:
         BusError: the plant cannot be reached, or must not be in this way.

@@ -13,8 +13,9 @@ from collections.abc import Callable
 
 import zenoh
 
-from agent.timed import TimedRobot
-from formation.messages import (
+from formnet.agent.timed import TimedRobot
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.messages import (
     Ask,
     End,
     Failed,
@@ -24,10 +25,9 @@ from formation.messages import (
     Timing,
     encode,
 )
-from formation.scenario import Scenario
-from formation.sync import RemoteClock, Spread
-from netem.link import IN_FLIGHT
-from netem.wallclock import wake_punctually
+from formnet.formation.wire.sync import RemoteClock, Spread
+from formnet.netem.core.transit import IN_FLIGHT
+from formnet.netem.core.wallclock import wake_punctually
 
 _REPORT_S = 1.0
 _MOST_ROWS = 200

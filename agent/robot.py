@@ -1,7 +1,7 @@
 """One robot in lockstep, as a pure core: messages in, messages out.
 
 No socket, clock, thread or file: the shells (:mod:`agent.process` over Zenoh,
-:mod:`lab.inline` in memory) carry the messages. The emulated links stand at the
+:mod:`lab.launch.inline` in memory) carry the messages. The emulated links stand at the
 receiving end: a neighbour's broadcast enters its link as it arrives and reaches
 the law only when the link delivers it, so no law can see an undelayed state.
 
@@ -12,18 +12,13 @@ t_s + δ <= t_k; the law sees each neighbour's newest usable message by stamp,
 unless it has been silent for longer than ``neighbours.silence_s``.
 """
 
-from agent.base import Outgoing, RobotBase
-from agent.law import Law
-from formation.messages import (
-    HELLO,
-    Broadcast,
-    Drive,
-    Envelope,
-    MessageError,
-    Sense,
-)
-from formation.scenario import Scenario
-from netem.timeline import NEVER
+from formnet.agent.base import Outgoing, RobotBase
+from formnet.agent.law import Law
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Drive, Sense
+from formnet.netem.settings.timeline import NEVER
 
 
 class Robot(RobotBase):

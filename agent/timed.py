@@ -1,16 +1,18 @@
 """One robot in real time, as a pure core: it is told what time it is.
 
 Like :class:`agent.robot.Robot`, without anybody who waits for anybody. All times are the
-plant's, as far as this robot knows it (:mod:`formation.sync`). A neighbour's broadcast enters
+plant's, as far as this robot knows it (:mod:`formation.wire.sync`). A neighbour's broadcast enters
 its emulated link when it arrives, so emulated delays come on top of what the real network does,
 and is usable at the first control period from then on at which the link has delivered it.
 """
 
-from agent.base import Outgoing, RobotBase
-from agent.law import Law
-from formation.messages import HELLO, Broadcast, Drive, Envelope, Measured, MessageError
-from formation.scenario import Scenario
-from formation.sync import Spread
+from formnet.agent.base import Outgoing, RobotBase
+from formnet.agent.law import Law
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Drive, Measured
+from formnet.formation.wire.sync import Spread
 
 MOST_AHEAD_NS = 1_000_000_000
 """A stamp further in the future than this is a lie, or a clock that is out of order."""

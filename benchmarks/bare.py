@@ -30,9 +30,9 @@ import zenoh
 
 from benchmarks.children import reported
 from benchmarks.wire import BROADCAST_EVERY, ring, wire
-from formation import bus
-from formation.process import on_stop
-from lab.launch import free_port
+from formnet.formation.wire import bus
+from formnet.formation.wire.process import on_stop
+from formnet.lab.launch.launch import free_port
 
 START_S, TICK_S = 30.0, 0.02
 """An exchange may take this long to start, and this long per tick, before it is given up."""

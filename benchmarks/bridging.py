@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.plan import Plan
 from benchmarks.table import BenchmarkError, Row, Target
-from lab.launch import free_port
+from formnet.lab.launch.launch import free_port
 
 PER_SECOND = Target(">=", 10_000.0)
 _KEY = "robot/1/pose"
@@ -73,7 +73,7 @@ def _received(network: Path | None, count: int, period_s: float) -> NDArray[np.i
         )  # fmt: skip
         if network:
             stack.enter_context(
-                _program("lab.cli", "netem-bridge", "--from", here, "--to", there,
+                _program("formnet", "netem-bridge", "--from", here, "--to", there,
                          "--key", "robot/**", "--network", str(network))
             )  # fmt: skip
         assert publisher.stdin is not None

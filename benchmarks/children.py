@@ -1,7 +1,7 @@
 """Processes of a benchmark: started together, one of them reports a number, none is left behind.
 
 Children are started anew (``python -m <module> ...``) with their standard
-input as a leash, as :mod:`lab.launch` does it; each child's standard error goes
+input as a leash, as :mod:`lab.launch.launch` does it; each child's standard error goes
 to a file, whose last line is told when the child fails.
 """
 
@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
-from lab.launch import LocalChild, end
+from formnet.lab.launch.launch import LocalChild, end
 
 GRACE_S = 3.0
 """How long children have to end by themselves once the number is known."""

@@ -1,6 +1,6 @@
 """What a tick of a real distributed run costs.
 
-The plant and the robots run as :mod:`lab.launch` starts them. The clock of the
+The plant and the robots run as :mod:`lab.launch.launch` starts them. The clock of the
 launching process runs from the arrival of the ``started`` event to that of
 ``ended``, so start-up and farewell are excluded and the record stream is
 included, to formnet's disadvantage. Records are dropped as they come.
@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
-from formation.record import Event, Record, Sink
-from formation.scenario import Scenario
-from lab.launch import Begun, Launch
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.record import Event, Record, Sink
+from formnet.lab.launch.launch import Begun, Launch
 
 START_S, TICK_S = 60.0, 0.05
 """A run may take this long to start, and this long per tick, before it is given up."""
@@ -42,7 +42,7 @@ def tick_ms(
 ) -> float:  # fmt: skip
     """Run ``scenario`` once; wall-clock milliseconds per tick. Files go to ``folder``.
 
-    ``also`` gets the records, ``refresh`` and ``begun`` are called as by ``lab.launch``.
+    ``also`` gets the records, ``refresh`` and ``begun`` are called as by ``lab.launch.launch``.
 
     Raises:
         BenchmarkError: the run did not complete.

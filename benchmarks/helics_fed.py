@@ -42,9 +42,9 @@ from typing import Any
 from benchmarks.children import reported, running
 from benchmarks.table import BenchmarkError
 from benchmarks.wire import BROADCAST_EVERY, Wire, ring, wire
-from formation.bus import LOOPBACK
-from formation.process import on_stop
-from lab.launch import free_port
+from formnet.formation.wire.bus import LOOPBACK
+from formnet.formation.wire.process import on_stop
+from formnet.lab.launch.launch import free_port
 
 CORE = "zmq"
 START_S, TICK_S = 30.0, 0.05

@@ -1,6 +1,6 @@
 """(b) How much faster than real time a whole run goes in one process, on one thread.
 
-:func:`lab.inline.run` of Section 5 with delays, records dropped; building the
+:func:`lab.launch.inline.run` of Section 5 with delays, records dropped; building the
 world and the robots is included, reading the scenario is not.
 """
 
@@ -9,9 +9,9 @@ import time
 from benchmarks.plan import Plan
 from benchmarks.scenarios import section5
 from benchmarks.table import BenchmarkError, Row, Target
-from formation.record import Record
-from formation.scenario import Scenario
-from lab import inline
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.record import Record
+from formnet.lab.launch import inline
 
 REAL_TIME = Target(">=", 10.0)
 

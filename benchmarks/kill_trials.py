@@ -23,8 +23,8 @@ from typing import Any
 import psutil
 
 from benchmarks.scenarios import SECTION5
-from lab.recording import read_links, read_states
-from plant.host import START_PATIENCE_S
+from formnet.lab.runs.recording import read_links, read_states
+from formnet.plant.host import START_PATIENCE_S
 
 PATIENCE_S = 1.0
 """``run.patience_s`` of these runs."""
@@ -67,7 +67,7 @@ def trial(number: signal.Signals, robot: int, after_s: float) -> tuple[float, st
     with tempfile.TemporaryDirectory(prefix="formnet-trial-") as scratch:
         out = Path(scratch) / "run"
         overrides = (f"duration_s={DURATION_S}", f"run.patience_s={PATIENCE_S}")
-        command = [sys.executable, "-m", "lab.cli", "run", str(SECTION5), "--out", str(out)]
+        command = [sys.executable, "-m", "formnet", "run", str(SECTION5), "--out", str(out)]
         for override in overrides:
             command += ["--set", override]
         launcher = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

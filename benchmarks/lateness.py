@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.plan import Plan
 from benchmarks.table import BenchmarkError, Row, Target
-from netem import LinkSettings
-from netem.wallclock import WallClock
+from formnet.netem import LinkSettings
+from formnet.netem.core.wallclock import WallClock
 
 now_ns = time.monotonic_ns
 _SPACING_NS = 1_000_000

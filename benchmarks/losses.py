@@ -19,12 +19,12 @@ from benchmarks import helics_fed
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.scenarios import SECTION5
 from benchmarks.table import BenchmarkError, Row
-from formation import bus
-from formation.loading import load
-from formation.messages import HELLO, Envelope
-from formation.record import Event, Record
-from lab.launch import Launch
-from netem.timeline import NEVER
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire import bus
+from formnet.formation.wire.broadcast import HELLO, Envelope
+from formnet.formation.wire.record import Event, Record
+from formnet.lab.launch.launch import Launch
+from formnet.netem.settings.timeline import NEVER
 
 PATIENCE_S = 1.0
 """``run.patience_s`` of these runs."""

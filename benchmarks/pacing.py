@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.plan import Plan
 from benchmarks.scenarios import ring_toml
 from benchmarks.table import BenchmarkError, Row, Target
-from formation import bus
-from formation.loading import loads
-from formation.record import Event, LinkRows, Record
-from lab.launch import Launch
+from formnet.formation.scenario.loading import loads
+from formnet.formation.wire import bus
+from formnet.formation.wire.record import Event, LinkRows, Record
+from formnet.lab.launch.launch import Launch
 
 SIZES = (5, 10, 20, 40)
 DELAY_S = 0.05

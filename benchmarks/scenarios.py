@@ -3,8 +3,8 @@
 import math
 from pathlib import Path
 
-from formation.loading import load, loads
-from formation.scenario import Scenario
+from formnet.formation.scenario.loading import load, loads
+from formnet.formation.scenario.model import Scenario
 
 SECTION5 = Path(__file__).parent.parent / "configs" / "paper" / "section5-delay.toml"
 

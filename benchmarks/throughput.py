@@ -8,7 +8,7 @@ import time
 
 from benchmarks.plan import Plan
 from benchmarks.table import Row, Target
-from netem import LinkSettings
+from formnet.netem import LinkSettings
 
 TARGET = Target(">=", 150_000)
 _SETTINGS = {

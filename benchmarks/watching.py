@@ -18,10 +18,10 @@ from benchmarks import formnet_run
 from benchmarks.plan import Plan
 from benchmarks.scenarios import section5
 from benchmarks.table import BenchmarkError, Row, Target
-from formation.scenario import Scenario
-from lab.launch import LocalChild, end
-from lab.rrd import RunFile
-from lab.signals import GRACE_S
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.launch.launch import LocalChild, end
+from formnet.lab.launch.signals import GRACE_S
+from formnet.lab.scene.rrd import RunFile
 
 BOUND = Target("<=", 1.1)
 
@@ -72,7 +72,7 @@ def _watched(
     def begun(endpoint: str, run: str) -> None:
         with (place / "monitor.log").open("wb") as log:
             monitor = LocalChild(
-                [sys.executable, "-m", "lab.cli", "monitor", "--connect", endpoint, "--run", run,
+                [sys.executable, "-m", "formnet", "monitor", "--connect", endpoint, "--run", run,
                  "--web", "--leash"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, start_new_session=True,
             )  # fmt: skip

@@ -6,7 +6,9 @@ of the same form and length as formnet's at tick 1000, and equally often.
 
 from typing import NamedTuple
 
-from formation.messages import Broadcast, Drive, Envelope, Sense, State, encode, run_tag
+from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
+from formnet.formation.wire.messages import Drive, Sense, encode
+from formnet.formation.wire.state import State
 
 BROADCAST_EVERY = 10
 """Ticks from one broadcast to the next: 10 ms at a control period of 1 ms."""

@@ -8,11 +8,11 @@ with integer nanoseconds, so the same link serves virtual time and wall time.
 This package imports nothing of the rest of the project.
 """
 
-from netem.actions import Change, Cut, Heal
-from netem.corrupt import Corrupt
-from netem.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
-from netem.duplicate import Duplicate
-from netem.link import (
+from formnet.netem.core.duplicate import Duplicate
+from formnet.netem.core.link import Impairment, Link
+from formnet.netem.core.shared import Shared
+from formnet.netem.core.streams import stream
+from formnet.netem.core.transit import (
     CORRUPTED,
     DELIVERED,
     DUPLICATED,
@@ -23,23 +23,22 @@ from netem.link import (
     LOST_QUEUE,
     LOST_RANDOM,
     LOST_TRACE,
-    Impairment,
-    Link,
     Transit,
 )
-from netem.loss import EveryNthLoss, PredicateLoss, RandomLoss, TraceLoss
-from netem.markov import FourState, GilbertElliott
-from netem.order import KeepOrder
-from netem.playout import Playout
-from netem.queue import QueueEntry, QueueExit, QueueLimit
-from netem.ramp import Ramp
-from netem.rate import Rate
-from netem.reorder import Reorder
-from netem.settings import LinkOverrides, LinkSettings
-from netem.shared import Shared
-from netem.slots import Slots
-from netem.streams import stream
-from netem.timeline import Timeline
+from formnet.netem.delays.delay import ConstantDelay, RandomDelay, TraceDelay, UniformDelay
+from formnet.netem.impairments.corrupt import Corrupt
+from formnet.netem.impairments.loss import EveryNthLoss, PredicateLoss, RandomLoss, TraceLoss
+from formnet.netem.impairments.markov import FourState, GilbertElliott
+from formnet.netem.impairments.order import KeepOrder
+from formnet.netem.impairments.playout import Playout
+from formnet.netem.impairments.queue import QueueEntry, QueueExit, QueueLimit
+from formnet.netem.impairments.rate import Rate
+from formnet.netem.impairments.reorder import Reorder
+from formnet.netem.impairments.slots import Slots
+from formnet.netem.settings.actions import Change, Cut, Heal
+from formnet.netem.settings.links import LinkOverrides, LinkSettings
+from formnet.netem.settings.ramp import Ramp
+from formnet.netem.settings.timeline import Timeline
 
 __all__ = [
     "CORRUPTED",

@@ -13,8 +13,10 @@ import math
 from dataclasses import dataclass, field
 from math import cos, sin
 
-from formation.messages import State, make
-from formation.scenario import Plant, Vehicle
+from formnet.formation.scenario.failures import Plant
+from formnet.formation.scenario.robots import Vehicle
+from formnet.formation.wire.state import State
+from formnet.formation.wire.tuples import make
 
 # Gauss-Legendre collocation with three stages, order 6 (Hairer, Nørsett, Wanner,
 # Solving Ordinary Differential Equations I, section II.7): nodes and weights on

@@ -18,7 +18,7 @@ from itertools import pairwise
 from math import hypot, inf, isfinite, nextafter
 from typing import Any, Final, NamedTuple
 
-from formation.messages import State
+from formnet.formation.wire.state import State
 
 _ROUNDING: Final = 4e-15
 """More than the relative error of any distance and diagonal here, some units of 2⁻⁵³."""

@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from formation import bus
-from formation.loading import dumps
-from formation.messages import (
+from formnet.formation.scenario.loading import dumps
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire import bus
+from formnet.formation.wire.messages import (
     PLANT,
     PROTOCOL,
     Brief,
@@ -31,9 +32,8 @@ from formation.messages import (
     Rejected,
     encode,
 )
-from formation.record import Event, LinkRows, Outcome, Record, Samples, Streamed
-from formation.scenario import Scenario
-from plant.extremes import Extremes
+from formnet.formation.wire.record import Event, LinkRows, Outcome, Record, Samples, Streamed
+from formnet.plant.extremes import Extremes
 
 PATIENCE_S = 1.0
 """How long to wait before saying for whom."""

@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 
 import zenoh
 
-from formation.messages import (
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.messages import (
     KILL,
     Brief,
     CatchUp,
@@ -23,12 +24,11 @@ from formation.messages import (
     Waiting,
     encode,
 )
-from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
-from formation.scenario import Scenario
-from netem.timeline import NEVER
-from plant.extremes import Extremes
-from plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
-from plant.world import World
+from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
+from formnet.netem.settings.timeline import NEVER
+from formnet.plant.extremes import Extremes
+from formnet.plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
+from formnet.plant.world import World
 
 _FLUSH_TICKS = 100
 _MOST_UNREAD = 500

@@ -7,7 +7,7 @@ their source, used where the structure itself matters (Properties 1-4, energy).
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.body import Body
+from formnet.plant.body import Body
 
 Matrix = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ from typing import IO
 
 import zenoh
 
-from formation import bus
-from formation.process import on_stop
-from formation.record import Event, Outcome, Streamed, writer
-from formation.scenario import Scenario
-from formation.security import PLANT, Credentials
-from plant.lockstep import LockstepPlant
-from plant.realtime import RealtimePlant
-from plant.watch import Watched
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire import bus
+from formnet.formation.wire.process import on_stop
+from formnet.formation.wire.record import Event, Outcome, Streamed, writer
+from formnet.formation.wire.security import PLANT, Credentials
+from formnet.plant.lockstep import LockstepPlant
+from formnet.plant.realtime import RealtimePlant
+from formnet.plant.watch import Watched
 
 
 def main(
@@ -31,7 +31,7 @@ def main(
     is a client like them. ``record`` is the file for the record stream, ``-`` for standard output;
     without it, only what happens is told, on standard error. ``start_patience_s`` is as in
     :class:`plant.host.Host`, ``keys``, ``plaintext`` and
-    ``lease_s`` as in :func:`formation.bus.session`.
+    ``lease_s`` as in :func:`formation.wire.bus.session`.
 
     Raises:
         BusError: ``listen`` or ``connect`` cannot be used, or must not be in this way.

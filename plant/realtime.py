@@ -11,32 +11,31 @@ from functools import partial
 
 import zenoh
 
-from formation.messages import (
-    HELLO,
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.broadcast import HELLO, Envelope
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import (
     PROTOCOL,
     Ask,
     Begin,
     Brief,
     Drive,
-    Envelope,
     Join,
     Links,
     Measured,
     Message,
-    MessageError,
     Ready,
     Timing,
     encode,
 )
-from formation.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
-from formation.scenario import Scenario
-from formation.sync import Spread
-from netem.tables import nanoseconds
-from netem.wallclock import wake_punctually
-from plant.extremes import Extremes
-from plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
-from plant.timed import TimedWorld
-from plant.witness import Witness
+from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
+from formnet.formation.wire.sync import Spread
+from formnet.netem.core.wallclock import wake_punctually
+from formnet.netem.files.tables import nanoseconds
+from formnet.plant.extremes import Extremes
+from formnet.plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
+from formnet.plant.timed import TimedWorld
+from formnet.plant.witness import Witness
 
 _REPORT_S = 0.1
 _MOST_AHEAD = 10

@@ -7,14 +7,14 @@ caller says what time it is; every robot is sampled at exactly the recorded inst
 
 import math
 
-from formation.messages import State, finite
-from formation.record import Sample
-from formation.roster import Happening, Roster
-from formation.scenario import Scenario
-from netem.tables import nanoseconds
-from plant.body import Body, braked, driven, left_alone, steered
-from plant.extremes import Extremes
-from plant.world import BAD_COMMAND, BAD_STATE, Diverged, diverged
+from formnet.formation.plan.roster import Happening, Roster
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.record import Sample
+from formnet.formation.wire.state import State, finite
+from formnet.netem.files.tables import nanoseconds
+from formnet.plant.body import Body, braked, driven, left_alone, steered
+from formnet.plant.extremes import Extremes
+from formnet.plant.world import BAD_COMMAND, BAD_STATE, Diverged, diverged
 
 
 class _Track:
@@ -81,7 +81,7 @@ class TimedWorld:
         return track.state
 
     def drive(self, robot: int, t_ns: int, first: float, second: float) -> None:
-        """``robot`` applies these from ``t_ns`` on (see :class:`formation.messages.Drive`)."""
+        """``robot`` applies these from ``t_ns`` on (see :class:`formation.wire.messages.Drive`)."""
         track = self._tracks[robot]
         self._advance(robot, track, min(t_ns, self._end_ns))
         if not (math.isfinite(first) and math.isfinite(second)):

@@ -12,10 +12,10 @@ from typing import Any
 import msgpack
 import zenoh
 
-from formation import bus
-from formation.loading import dumps
-from formation.record import Event, Outcome, Stir, Streamed, pack
-from formation.scenario import Scenario
+from formnet.formation.scenario.loading import dumps
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire import bus
+from formnet.formation.wire.record import Event, Outcome, Stir, Streamed, pack
 
 LEAVE_S = 1.0
 """How long, after the run, watchers may take to hear of its end."""

@@ -3,8 +3,8 @@ is killed takes with it what it knows of them."""
 
 from collections.abc import Iterable
 
-from formation.record import LinkRow
-from netem.link import LOST_DOWN
+from formnet.formation.wire.record import LinkRow
+from formnet.netem.core.transit import LOST_DOWN
 
 
 class Witness:

@@ -11,14 +11,16 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from formation.messages import Drive, Sense, State, finite, make
-from formation.record import LinkRow, Sample
-from formation.roster import Happening, Roster
-from formation.scenario import Scenario
-from netem.link import LOST_DOWN
-from netem.timeline import NEVER
-from plant.body import Body, driven, left_alone, steered
-from plant.extremes import Extremes
+from formnet.formation.plan.roster import Happening, Roster
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.messages import Drive, Sense
+from formnet.formation.wire.record import LinkRow, Sample
+from formnet.formation.wire.state import State, finite
+from formnet.formation.wire.tuples import make
+from formnet.netem.core.transit import LOST_DOWN
+from formnet.netem.settings.timeline import NEVER
+from formnet.plant.body import Body, driven, left_alone, steered
+from formnet.plant.extremes import Extremes
 
 BAD_COMMAND = "its command is not finite"
 BAD_STATE = "the state that its command leads to is not finite"

@@ -9,9 +9,9 @@ from typing import NoReturn
 import pytest
 from hypothesis import settings
 
-from formation.loading import load
-from formation.scenario import Scenario
-from lab.build import stale
+from formnet.formation.scenario.loading import load
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.runs.build import stale
 
 ROOT = Path(__file__).resolve().parents[1]
 

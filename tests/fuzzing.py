@@ -16,40 +16,37 @@ from typing import Any, NamedTuple
 
 import msgpack
 
-from agent.law import Command
-from agent.robot import Robot
-from agent.timed import TimedRobot
-from formation import messages
-from formation.loading import load
-from formation.messages import (
+from formnet.agent.law import Command
+from formnet.agent.robot import Robot
+from formnet.agent.timed import TimedRobot
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire import messages
+from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag, sealed
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import (
     Ask,
     Begin,
     Brief,
-    Broadcast,
     CatchUp,
     Drive,
     End,
-    Envelope,
     Failed,
     Gone,
     Join,
     Links,
     Measured,
     Meet,
-    MessageError,
     Ready,
     Rejected,
     Sense,
-    State,
     Timing,
     Waiting,
     decode,
     encode,
-    run_tag,
-    sealed,
 )
-from formation.record import LinkRow
-from lab.scenarios import CONFIGS
+from formnet.formation.wire.record import LinkRow
+from formnet.formation.wire.state import State
+from formnet.lab.scenarios.packaged import CONFIGS
 
 _STATE = State(1.5, -2.5, 0.25, 0.0, -1e-3)
 _LOCKSTEP: Sequence[messages.Message] = (

@@ -18,12 +18,12 @@ import zenoh
 from click.testing import CliRunner
 from scipy import stats
 
-from lab.cli import main
-from lab.launch import free_port
-from netem import LOST_CUT
-from netem.bridge import Bridge, BridgeError, session
-from netem.control import server
-from netem.lanes import (
+from formnet.lab.cli import main
+from formnet.lab.launch.launch import free_port
+from formnet.netem import LOST_CUT
+from formnet.netem.bridge.bridge import Bridge, BridgeError, session
+from formnet.netem.bridge.control import server
+from formnet.netem.bridge.lanes import (
     ChangeRequest,
     CutRequest,
     HealRequest,
@@ -32,7 +32,7 @@ from netem.lanes import (
     NetworkFileError,
     load,
 )
-from netem.settings import SettingError
+from formnet.netem.settings.links import SettingError
 
 MS = 1_000_000
 ALPHA = 0.001
@@ -109,7 +109,7 @@ def test_a_link_named_by_a_star_is_not_all_links():
 
 
 def test_keys_beyond_the_first_many_share_their_streams(monkeypatch):
-    monkeypatch.setattr("netem.lanes._MOST_STREAMS", 2)
+    monkeypatch.setattr("formnet.netem.bridge.lanes._MOST_STREAMS", 2)
     lane = lanes().of("forward", "a")
     assert [lane.kind_of(key) for key in ("a", "b", "c", "a", "d")] == ["a", "b", "", "a", ""]
 
@@ -444,7 +444,7 @@ def test_two_unmodified_programs_meet_exactly_the_network_that_was_asked_for(tmp
                     "--count", str(len(travel_ns)))
         )  # fmt: skip
         bridge = stack.enter_context(
-            program("lab.cli", "netem-bridge", "--from", here, "--to", there,
+            program("formnet", "netem-bridge", "--from", here, "--to", there,
                     "--key", "robot/**", "--network", str(path))
         )  # fmt: skip
         watchdog = threading.Timer(60.0, subscriber.kill)
@@ -485,7 +485,7 @@ def bridge_program(tmp_path, text):
     here, there = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     with ExitStack() as stack:
         bridge = stack.enter_context(
-            program("lab.cli", "netem-bridge", "--from", f"listen:{here}", "--to", f"listen:{there}",
+            program("formnet", "netem-bridge", "--from", f"listen:{here}", "--to", f"listen:{there}",
                     "--network", str(path))
         )  # fmt: skip
         assert "bridging" in bridge.stderr.readline()

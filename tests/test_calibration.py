@@ -13,19 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from formation.loading import ScenarioError, loads
-from netem import (
-    Change,
-    LinkOverrides,
-    LinkSettings,
-    RandomDelay,
-    Timeline,
-    UniformDelay,
-    calibration,
-)
-from netem import distributions as d
-from netem.presets import PRESETS
-from netem.settings import SettingError
+from formnet.formation.scenario.loading import ScenarioError, loads
+from formnet.netem import Change, LinkOverrides, LinkSettings, RandomDelay, Timeline, UniformDelay
+from formnet.netem.delays import calibration
+from formnet.netem.delays import distributions as d
+from formnet.netem.settings.links import SettingError
+from formnet.netem.settings.presets import PRESETS
 
 PROMISED = 0.005
 WANTED = [0.1, 0.5, 0.8, 0.95, 0.99, 0.999]

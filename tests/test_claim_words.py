@@ -13,12 +13,14 @@ import pytest
 from click.testing import CliRunner
 from plugin import install
 
-from formation.loading import load
-from lab import claim_words, figures, runs, verdict
-from lab.cli import main
-from lab.recorded import read_whole
-from lab.report import write_report
-from lab.scenarios import CONFIGS
+from formnet.formation.scenario.loading import load
+from formnet.lab.cli import main
+from formnet.lab.figures import run_figures as figures
+from formnet.lab.judge import claim_words, verdict
+from formnet.lab.pages import listing as runs
+from formnet.lab.pages.report import write_report
+from formnet.lab.runs.recorded import read_whole
+from formnet.lab.scenarios.packaged import CONFIGS
 
 THE_PAPER = re.compile(r"Eqs?\.|[Tt]heorem|Assumption|V never rises|\bV\b|the theory")
 LAW = """
@@ -41,7 +43,7 @@ def ran(tmp_path_factory):
     install(place, "mine", LAW)
     out = place / "runs" / "mine"
     done = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", SECTION5, "--inline", "--out", out, "--set",
+        [sys.executable, "-m", "formnet", "run", SECTION5, "--inline", "--out", out, "--set",
          "law.kind=mine", "--set", "duration_s=0.2", "--set", "law.w1.bias=0.0"],
         capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(place)},
     )  # fmt: skip
@@ -81,7 +83,7 @@ def test_the_figures_name_errors_alone(ran):
 
 def test_check_has_the_graph_alone(ran, monkeypatch):
     done = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "check", ran[1] / "scenario.toml"],
+        [sys.executable, "-m", "formnet", "check", ran[1] / "scenario.toml"],
         capture_output=True, text=True,
         env={**os.environ, "PYTHONPATH": str(ran[1].parents[1])},
     )  # fmt: skip

@@ -11,16 +11,17 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from agent.law import accepts
-from formation.loading import load
-from lab import inline
-from lab.claims import command, figures, report
-from lab.claims.catalogue import COMPARED, catalogue
-from lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
-from lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
-from lab.cli import main
-from lab.recording import Collected
-from lab.scenarios import CONFIGS
+from formnet.agent.law import accepts
+from formnet.formation.scenario.loading import load
+from formnet.lab.claims import figures, report
+from formnet.lab.claims.catalogue import COMPARED, catalogue
+from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
+from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
+from formnet.lab.cli import main
+from formnet.lab.commands.many import claims as command
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected
+from formnet.lab.scenarios.packaged import CONFIGS
 
 CLAIMS = {claim.key: claim for claim in catalogue()}
 SCENARIOS = {
@@ -325,7 +326,7 @@ def test_the_list_names_every_claim():
 def test_interrupted_claims_end_soon_and_keep_what_is_complete(root, tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "claims", "--inline", "--only", "theorem-*", "--only",
+        [sys.executable, "-m", "formnet", "claims", "--inline", "--only", "theorem-*", "--only",
          "20-robots", "--out", str(out)],
         cwd=root, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip

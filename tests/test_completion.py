@@ -1,14 +1,17 @@
-"""What the shell completes, by click's own way of asking."""
+"""What the help says and the shell completes, and what is imported for that."""
 
+import os
+import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
-from lab.cli import main
-from lab.scenarios import packaged
+from formnet.lab.cli import SECTIONS, load, main
+from formnet.lab.scenarios.packaged import packaged
 
 
 @pytest.fixture(autouse=True)
@@ -37,18 +40,106 @@ def completed(*words):
     return [(item.type, item.value) for item in found]
 
 
-def test_the_help_shows_every_command_once_and_whole():
-    from lab.cli import SECTIONS
+# --- the help, and what is imported for it ----------------------------------------------------
 
-    assert sorted(sum(SECTIONS.values(), ())) == sorted(main.commands)
+LINES = {name: line for commands in SECTIONS.values() for name, line in commands.items()}
+
+
+def imported(*words, complete=None):
+    """The modules of commands that a process imports to answer; ``complete`` words instead."""
+    code = (
+        "import sys\n"
+        "from formnet.lab.cli import main\n"
+        "try: main(prog_name='formnet')\n"
+        "except SystemExit: pass\n"
+        "print(*sys.modules, file=sys.stderr)"
+    )
+    asked = {} if complete is None else {
+        "_FORMNET_COMPLETE": "bash_complete", "COMP_WORDS": f"formnet {complete}",
+        "COMP_CWORD": str(len(complete.split(" "))),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words],
+        capture_output=True, text=True, check=True, env=os.environ | asked,
+    )  # fmt: skip
+    assert done.stdout
+    found = (name.removeprefix("formnet.lab.") for name in done.stderr.split())
+    return {name for name in found if name.startswith("commands")}
+
+
+def of(folder, command):
+    """The modules that one command needs."""
+    shared = {"commands", "commands.complete", "commands.options"}
+    return shared | {f"commands.{folder}", f"commands.{folder}.{command}"}
+
+
+def test_the_help_shows_every_command_once_and_whole():
     shown = CliRunner().invoke(main, ["--help"], terminal_width=80).output
+    for name, line in LINES.items():
+        assert re.findall(rf"^  {name} +(.*)$", shown, re.MULTILINE) == [line]
     assert shown.count("...") == 1  # COMMAND [ARGS]...
     assert max(map(len, shown.splitlines())) <= 80
 
 
+@pytest.mark.parametrize("name", LINES)
+def test_a_command_begins_its_own_help_as_the_list_says(name):
+    command = load(name)
+    assert command.name == name
+    assert command.help.partition("\n\n")[0] == LINES[name]
+    shown = CliRunner().invoke(main, [name, "--help"], prog_name="formnet").output
+    assert shown.startswith(f"Usage: formnet {name} ")
+
+
+def test_every_file_of_a_command_is_in_the_list(root):
+    there = {
+        path.relative_to(root / "lab" / "commands").with_suffix("").as_posix()
+        for path in (root / "lab" / "commands").glob("*/*.py")
+        if path.name != "__init__.py"
+    }
+    listed = {
+        f"{folder}/{name.replace('-', '_')}"
+        for (_, folder), commands in SECTIONS.items()
+        for name in commands
+    }
+    assert there == listed
+
+
+@pytest.mark.parametrize(
+    ("words", "modules"),
+    [(("--help",), set()), (("--version",), set()), (("run", "--help"), of("run", "run"))],
+)
+def test_help_imports_no_other_command(words, modules):
+    assert imported(*words) == modules
+
+
+@pytest.mark.parametrize(
+    ("complete", "modules"),
+    [("ne", set()), ("keys in", of("machines", "keys")), ("run --in", of("run", "run"))],
+)
+def test_completion_imports_no_other_command(complete, modules):
+    assert imported(complete=complete) == modules
+
+
+@pytest.mark.parametrize(("words", "near"), [(("nemessis",), "nemesis"), (("keys", "int"), "init")])
+def test_an_unknown_command_is_told_what_is_near(words, near):
+    told = CliRunner().invoke(main, words)
+    assert told.exit_code == 2
+    assert f"No such command '{words[-1]}'. Did you mean '{near}'?" in told.output
+
+
+# --- what the shell completes ------------------------------------------------------------------
+
+
 def test_commands():
     assert ("plain", "check") in completed("ch")
-    assert {"new", "netem-bridge", "nemesis"} <= {value for _, value in completed("ne")}
+    assert completed("ne") == [("plain", "nemesis"), ("plain", "netem-bridge"), ("plain", "new")]
+    assert [value for _, value in completed("")] == sorted(LINES)
+    assert completed("keys", "") == [("plain", "init")]
+
+
+def test_options():
+    assert ("plain", "--inline") in completed("run", "--in")
+    assert completed("keys", "init", "--ro") == [("plain", "--robots")]
 
 
 @pytest.mark.parametrize("command", ["run", "check", "nemesis"])

@@ -120,7 +120,7 @@ def user(tmp_path):
     ).strip()
     here = sysconfig.get_path("purelib")
     Path(packages, "here.pth").write_text(f"import site; site.addsitedir({here!r})\n", "utf-8")
-    for name, module in [("formnet", "lab.cli"), ("pip", "pip")]:
+    for name, module in [("formnet", "formnet"), ("pip", "pip")]:
         script = home / "bin" / name
         script.write_text(f'#!/bin/sh\nexec {python} -m {module} "$@"\n', encoding="utf-8")
         script.chmod(0o755)

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
-from formation.loading import loads
-from formation.record import Sample, Samples
-from lab.canvas import MOST_BENT, bowed, bows
-from lab.layout import half_width
-from lab.new import Wish, scenario_text
-from lab.rrd import RunFile
+from formnet.formation.scenario.loading import loads
+from formnet.formation.wire.record import Sample, Samples
+from formnet.lab.figures.canvas import MOST_BENT, bowed, bows
+from formnet.lab.scenarios.new import Wish, scenario_text
+from formnet.lab.scene.blueprint import half_width
+from formnet.lab.scene.rrd import RunFile
 
 ALONG = np.linspace(0.0, 1.0, 101)
 WISH = Wish("x", 8, "wedge", "ring", "ideal", None, 1, "lockstep")

@@ -20,12 +20,12 @@ import pyarrow.parquet as pq
 import pytest
 from conftest import missing
 
-from formation.loading import load
-from lab.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
-from lab.recorded import event_lines, read_verdict
-from lab.recording import LINKS, STATES
+from formnet.formation.scenario.loading import load
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
+from formnet.lab.runs.recorded import event_lines, read_verdict
+from formnet.lab.runs.recording import LINKS, STATES
 
-FORMNET = [sys.executable, "-m", "lab"]
+FORMNET = [sys.executable, "-m", "formnet"]
 SHORT = ["--inline", "--set", "duration_s=0.5"]
 NO_CLAIMS = [*SHORT, "--set", "expect={}"]
 KEEP_OUT = {"HOME", "COLUMNS", "PYTHONIOENCODING", "LANG", "LC_ALL", "FORCE_COLOR", "NO_COLOR"}
@@ -135,8 +135,8 @@ def test_a_full_disk_is_a_sentence_and_exit_code_3(place, tmp_path, size, engine
 
 
 def test_events_that_found_no_room_are_written_when_there_is_some(tmp_path, paper):
-    from formation.record import Event
-    from lab.recording import Recording
+    from formnet.formation.wire.record import Event
+    from formnet.lab.runs.recording import Recording
 
     recording = Recording(tmp_path / "run", paper("section5"))
     recording(Event("started", 0, {"robots": [1]}))
@@ -155,8 +155,8 @@ def test_events_that_found_no_room_are_written_when_there_is_some(tmp_path, pape
 
 
 def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
-    from formation.record import Sample, Samples
-    from lab.rrd import RunFile
+    from formnet.formation.wire.record import Sample, Samples
+    from formnet.lab.scene.rrd import RunFile
 
     place.mount("32k")
     scenario = paper("section5", "duration_s=2.0")
@@ -200,7 +200,7 @@ def test_what_an_encoding_lacks_is_escaped(recorded, tmp_path):
 
 def test_closed_streams_lead_nowhere_and_not_into_the_record(tmp_path):
     out = tmp_path / "run"
-    shell = f'exec "$0" -m lab run section5 {" ".join(NO_CLAIMS)} --out {out} <&- >&- 2>&-'
+    shell = f'exec "$0" -m formnet run section5 {" ".join(NO_CLAIMS)} --out {out} <&- >&- 2>&-'
     done = subprocess.run(["sh", "-c", shell, sys.executable], cwd=tmp_path, env=environment())
     assert done.returncode == ALL_HOLD
     assert {STATES, LINKS, "verdict.json", "report.html"} <= readable(out)
@@ -257,7 +257,7 @@ def test_ctrl_c_at_any_early_moment_is_130_without_a_traceback(tmp_path):
     draw = random.Random(seed)
     program = (
         "import sys; print('here', flush=True); sys.argv = ['formnet', *sys.argv[1:]]; "
-        "from lab.__main__ import main; main()"
+        "from formnet.lab.program import main; main()"
     )
     for number in range(14):
         command = draw.choice((["run", "section5", "--out", f"run-{number}"], ["list"], ["laws"]))
@@ -387,9 +387,9 @@ def test_default_names_do_not_collide_within_a_second(tmp_path):
 
 def test_a_plant_runs_what_it_was_told_not_what_lies_on_the_disk(tmp_path, paper):
     """The folder's scenario is changed as soon as it is there; the run is of the one resolved."""
-    from lab import inline
-    from lab.execution import execute
-    from lab.recording import Collected, Recording, trajectory_sha256
+    from formnet.lab.launch import inline
+    from formnet.lab.launch.execution import execute
+    from formnet.lab.runs.recording import Collected, Recording, trajectory_sha256
 
     scenario = paper("section5", "duration_s=0.3")
     recording = Recording(tmp_path / "run", scenario)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.launch import free_port
+from formnet.lab.launch.launch import free_port
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 TALKER = EXAMPLES / "zenoh_talker"
@@ -46,7 +46,7 @@ def test_plain_zenoh_programs_meet_the_link_that_is_put_between_them(way):
         if way == "bridge":
             teller = stack.enter_context(program("talker.py", "tell", near, "--listen"))
             bridge = stack.enter_context(program(
-                "-m", "lab.cli", "netem-bridge", "--from", near, "--to", far,
+                "-m", "formnet", "netem-bridge", "--from", near, "--to", far,
                 "--network", "radio.toml",
             ))  # fmt: skip
         elif way == "library":
@@ -71,7 +71,7 @@ def test_every_cell_of_the_notebook_runs_on_a_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     out = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", "section5-delay", "--inline", "--out", "first",
+        [sys.executable, "-m", "formnet", "run", "section5-delay", "--inline", "--out", "first",
          "--set", "duration_s=0.5"],
         capture_output=True, text=True,
     )  # fmt: skip

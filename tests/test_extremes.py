@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation.loading import load
-from formation.messages import Drive, State
-from lab.scenarios import CONFIGS
-from plant.extremes import Extremes
-from plant.timed import TimedWorld
-from plant.world import World
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire.messages import Drive
+from formnet.formation.wire.state import State
+from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.plant.extremes import Extremes
+from formnet.plant.timed import TimedWorld
+from formnet.plant.world import World
 
 MS = 1_000_000
 

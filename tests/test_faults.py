@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from formation.fault import (
+from formnet.formation.plan.fault import (
     FaultError,
     KillAction,
     PauseAction,
@@ -18,16 +18,17 @@ from formation.fault import (
     ResumeAction,
     spans_of,
 )
-from formation.loading import ScenarioError, load, loads
-from formation.messages import Drive, State
-from formation.roster import Roster, Span
-from lab import inline
-from lab.recording import Collected, trajectory_sha256
-from netem import IN_FLIGHT
-from netem.link import LOST_DOWN
-from netem.timeline import NEVER
-from plant.body import braked
-from plant.world import World
+from formnet.formation.plan.roster import Roster, Span
+from formnet.formation.scenario.loading import ScenarioError, load, loads
+from formnet.formation.wire.messages import Drive
+from formnet.formation.wire.state import State
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected, trajectory_sha256
+from formnet.netem import IN_FLIGHT
+from formnet.netem.core.transit import LOST_DOWN
+from formnet.netem.settings.timeline import NEVER
+from formnet.plant.body import braked
+from formnet.plant.world import World
 
 MS = 1_000_000
 
@@ -353,8 +354,9 @@ def heard_by_2(paper, *overrides):
             seen.append({s.robot: s.stamp_ns // MS for s in heard})
             return (0.0, 0.0)
 
-    from agent.robot import Robot
-    from formation.messages import Broadcast, Envelope, Sense, run_tag
+    from formnet.agent.robot import Robot
+    from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
+    from formnet.formation.wire.messages import Sense
 
     scenario = paper("section5-delay", *overrides)
     robot = Robot(scenario, 2, run="run", law=Notes())
@@ -445,7 +447,7 @@ def test_a_run_with_faults_repeats_to_the_bit_and_another_seed_is_another_run(ro
 
 
 def test_scenarios_with_faults_survive_writing_and_reading(root):
-    from formation.loading import dumps
+    from formnet.formation.scenario.loading import dumps
 
     scenario = load(root / "configs" / "faults" / "every-fault.toml")
     assert loads(dumps(scenario)) == scenario

@@ -10,15 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
 
-from formation.loading import loads
-from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
-from lab import figures, foxglove, link_figures
-from lab.canvas import COLOURS, SCREEN_COLOURS, colours, dashes
-from lab.claims.figures import compared
-from lab.graph_figure import cuts, graph
-from lab.heading_figure import gaps_to_mean, headings, on_circle, wrapped
-from lab.new import Wish, scenario_text
-from lab.recording import Collected
+from formnet.formation.scenario.loading import loads
+from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
+from formnet.lab.claims.figures import compared
+from formnet.lab.figures import links as link_figures
+from formnet.lab.figures import run_figures as figures
+from formnet.lab.figures.canvas import COLOURS, SCREEN_COLOURS, colours, dashes
+from formnet.lab.figures.graph import cuts, graph
+from formnet.lab.figures.headings import gaps_to_mean, headings, on_circle, wrapped
+from formnet.lab.runs.recording import Collected
+from formnet.lab.scenarios.new import Wish, scenario_text
+from formnet.lab.scene import foxglove
 
 WISH = Wish("x", 6, "circle", "ring", "ideal", None, 1, "lockstep")
 TRIANGLES = "formation.edges=[[1, 2], [2, 3], [1, 3], [4, 5], [5, 6], [4, 6], [2, 4]]"

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 from conftest import missing
 
-from lab import files
-from lab.cli import main
-from lab.export import write_mcap
-from lab.schema import FILE
+from formnet.lab.cli import main
+from formnet.lab.commands.look.export import write_mcap
+from formnet.lab.runs import files
+from formnet.lab.scenarios.schema import FILE
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def limited(limit, code, *arguments):
     )  # fmt: skip
 
 
-COMMAND = "import sys; sys.dont_write_bytecode = True; from lab.cli import main; main()"
+COMMAND = "import sys; sys.dont_write_bytecode = True; from formnet.lab.cli import main; main()"
 
 
 # --- new files --------------------------------------------------------------------------------
@@ -147,7 +147,7 @@ def test_errors_name_the_file_and_not_its_part(here, name, write):
 WRITE = """
 import sys
 from pathlib import Path
-from lab import files
+from formnet.lab.runs import files
 try:
     getattr(files, sys.argv[1])(Path(sys.argv[2]), "x" * 5000)
 except OSError as error:
@@ -188,7 +188,8 @@ def test_a_schema_that_cannot_be_written_leaves_the_old_one(here):
 KEYS = """
 import resource, sys
 from pathlib import Path
-from lab import files, keys
+from formnet.lab.machines import keys
+from formnet.lab.runs import files
 real = files.write_new
 def write_new(path, *rest):
     if path.name == sys.argv[1]:

@@ -6,11 +6,11 @@ import pytest
 from click.testing import CliRunner
 from plugin import install
 
-from agent.law import installed
-from formation.loading import load
-from lab import foresight
-from lab.cli import main
-from lab.foresight import foresee
+from formnet.agent.law import installed
+from formnet.formation.scenario.loading import load
+from formnet.lab.cli import main
+from formnet.lab.forecast import foresight
+from formnet.lab.forecast.foresight import foresee
 
 LAW = """\
 import os, sys

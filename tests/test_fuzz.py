@@ -8,9 +8,9 @@ import pytest
 import tomli_w
 from fuzzing import fuzz
 
-from formation.loading import ScenarioError, loads
-from formation.theory import assess
-from lab.schema import scenario_schema
+from formnet.formation.paper.theory import assess
+from formnet.formation.scenario.loading import ScenarioError, loads
+from formnet.lab.scenarios.schema import scenario_schema
 
 
 def test_no_broken_message_escapes_a_decoder():

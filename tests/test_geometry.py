@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize
 
-from formation.geometry import (
+from formnet.formation.paper.geometry import (
     centroid_error,
     errors,
     fitted_rotation,

@@ -10,7 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.graph import algebraic_connectivity, components, laplacian, smallest_eigenvalue
+from formnet.formation.paper.graph import (
+    algebraic_connectivity,
+    components,
+    laplacian,
+    smallest_eigenvalue,
+)
 
 
 @st.composite

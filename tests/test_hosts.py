@@ -14,11 +14,11 @@ import asyncssh
 import pytest
 from conftest import missing
 
-from formation.hosts import HostsError, load_hosts
-from formation.loading import ScenarioError, load
-from lab import keys
-from lab.place import BadPlace, Where
-from lab.scenarios import CONFIGS
+from formnet.formation.scenario.hosts import HostsError, load_hosts
+from formnet.formation.scenario.loading import ScenarioError, load
+from formnet.lab.machines import keys
+from formnet.lab.machines.place import BadPlace, Where
+from formnet.lab.scenarios.packaged import CONFIGS
 
 HOSTS = {"alpha": [1, 2], "beta": [3, 4], "gamma": [5]}
 PORT = 2222
@@ -131,7 +131,7 @@ def start(network, tmp_path):
         sets = [part for text in overrides for part in ("--set", text)]
         environment = {**os.environ, "HOME": str(network.folder / "home")}
         process = subprocess.Popen(
-            [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(CONFIGS / scenario), "--out", str(out),
+            [sys.executable, "-m", "formnet", "run", "--no-figures", str(CONFIGS / scenario), "--out", str(out),
              *map(str, hosts), "--keys", str(network.folder / "keys"), *sets],
             env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
@@ -182,7 +182,7 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
     assert process.returncode == 1, said  # too short for the claims
     assert load_hosts(scenario) == load_hosts(network.folder / "hosts.toml")
     subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(scenario),
+        [sys.executable, "-m", "formnet", "run", "--no-figures", str(scenario),
          "--inline", "--set", "duration_s=2.0", "--out", str(tmp_path / "inline")],
         capture_output=True,
     )  # fmt: skip
@@ -236,7 +236,7 @@ def test_faults_reach_robots_on_other_hosts(start, tmp_path):
     assert process.returncode == 1, said
     sets = [part for text in faults for part in ("--set", text)]
     subprocess.run(
-        [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(CONFIGS / "paper/section5-delay.toml"),
+        [sys.executable, "-m", "formnet", "run", "--no-figures", str(CONFIGS / "paper/section5-delay.toml"),
          "--inline", *sets, "--out", str(tmp_path / "inline")], capture_output=True,
     )  # fmt: skip
     hashes = [
@@ -275,7 +275,7 @@ def doctor(network, *changes):
     file = network.folder / "doctor.toml"
     file.write_text(text)
     done = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "doctor", "--hosts", str(file), "--keys",
+        [sys.executable, "-m", "formnet", "doctor", "--hosts", str(file), "--keys",
          str(network.folder / "keys")],
         env={**os.environ, "HOME": str(network.folder / "home"), "COLUMNS": "500"},
         capture_output=True, text=True,
@@ -306,7 +306,9 @@ def test_the_doctor_finds_nothing_where_all_is_well(network):
 
 def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
     late = python_that(tmp_path, "late", "import time\nt = time.time\ntime.time = lambda: t() - 2")
-    old = python_that(tmp_path, "old", "import formation.messages as m\nm.PROTOCOL = 1")
+    old = python_that(
+        tmp_path, "old", "import formnet.formation.wire.messages as m\nm.PROTOCOL = 1"
+    )
     place = tmp_path / "keys"
     shutil.copytree(network.folder / "keys", place)
     (place / "robot-5.pem").unlink()

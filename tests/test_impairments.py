@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from netem import (
+from formnet.netem import (
     CORRUPTED,
     DELIVERED,
     DUPLICATED,
@@ -49,7 +49,7 @@ from netem import (
     TraceLoss,
     UniformDelay,
 )
-from netem import distributions as d
+from formnet.netem.delays import distributions as d
 
 ALPHA = 0.001
 SEED = 20260
@@ -568,8 +568,8 @@ def test_another_kind_of_message_changes_no_draw(table, others):
 def test_the_same_seed_gives_the_same_bytes_in_any_process():
     """PYTHONHASHSEED scrambles sets and dictionaries of strings; the links must not notice."""
     program = (
-        "from netem import LinkSettings\n"
-        "from netem.presets import PRESETS\n"
+        "from formnet.netem import LinkSettings\n"
+        "from formnet.netem.settings.presets import PRESETS\n"
         "for name in PRESETS:\n"
         "    a = LinkSettings(preset=name, duplicate={'probability': 0.1}, "
         "corrupt={'probability': 0.1}).link(seed=5, source='a', destination='b')\n"

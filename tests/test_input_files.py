@@ -7,13 +7,15 @@ import tomllib
 
 import pytest
 
-from formation.hosts import HostsError, load_hosts
-from formation.loading import ScenarioError, load, loads
-from netem import LinkSettings, lanes, toml
-from netem.csvfile import FileError, read_numbers
-from netem.problems import problems
-from netem.toml import parse_toml
-from netem.toml_clash import clash
+from formnet.formation.scenario.hosts import HostsError, load_hosts
+from formnet.formation.scenario.loading import ScenarioError, load, loads
+from formnet.netem import LinkSettings
+from formnet.netem.bridge import lanes
+from formnet.netem.files import toml
+from formnet.netem.files.csv_file import FileError, read_numbers
+from formnet.netem.files.problems import problems
+from formnet.netem.files.toml import parse_toml
+from formnet.netem.files.toml_clash import clash
 
 # --- CSV: what is read ----------------------------------------------------------------------
 

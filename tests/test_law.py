@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from agent.cooperative import CooperativeLaw
-from agent.excitation import W1Signal
-from agent.law import BodyEstimate, Situation, parameters
-from formation.messages import Stamped, State
-from formation.scenario import W1, LawSettings
-from plant.body import Body, driven
+from formnet.agent.cooperative import CooperativeLaw
+from formnet.agent.excitation import W1Signal
+from formnet.agent.law import BodyEstimate, Situation, parameters
+from formnet.formation.scenario.law import W1, LawSettings
+from formnet.formation.wire.state import Stamped, State
+from formnet.plant.body import Body, driven
 
 W1_VARYING = W1(bias=0.4, amplitude=0.3, frequency_radps=1.7)
 OFFSETS = {1: (1.24, 3.8), 2: (-3.24, 2.35), 3: (0.5, -2.0)}

@@ -7,14 +7,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agent.law import BodyEstimate, Situation, accepts
-from agent.leader_follower import LeaderFollowerLaw
-from formation.loading import ScenarioError, load
-from formation.messages import Stamped, State
-from formation.scenario import LawSettings
-from lab import inline, verdict
-from lab.recording import Collected
-from plant.body import steered
+from formnet.agent.law import BodyEstimate, Situation, accepts
+from formnet.agent.leader_follower import LeaderFollowerLaw
+from formnet.formation.scenario.law import LawSettings
+from formnet.formation.scenario.loading import ScenarioError, load
+from formnet.formation.wire.state import Stamped, State
+from formnet.lab.judge import verdict
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected
+from formnet.plant.body import steered
 
 OFFSETS = {1: (0.0, 0.0), 2: (-3.0, 2.0), 3: (-3.0, -2.0)}
 FOLLOWS = {"2": 1, "3": 1}

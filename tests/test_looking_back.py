@@ -14,16 +14,18 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from formation.loading import load, loads
-from formation.record import Event, Outcome
-from lab import foxglove, report, runs
-from lab.claim_words import ENDS
-from lab.cli import main
-from lab.inline import run as run_inline
-from lab.keypaths import by_path, shown
-from lab.recorded import Unreadable, read_run, read_whole
-from lab.recording import Recording, being_written
-from lab.scenarios import CONFIGS
+from formnet.formation.scenario.loading import load, loads
+from formnet.formation.wire.record import Event, Outcome
+from formnet.lab.cli import main
+from formnet.lab.judge.claim_words import ENDS
+from formnet.lab.launch.inline import run as run_inline
+from formnet.lab.pages import listing as runs
+from formnet.lab.pages import report
+from formnet.lab.runs.keypaths import by_path, shown
+from formnet.lab.runs.recorded import Unreadable, read_run, read_whole
+from formnet.lab.runs.recording import Recording, being_written
+from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.scene import foxglove
 
 SECTION5 = CONFIGS / "paper" / "section5-delay.toml"
 NASTY = '<script>alert("1")</script> & <b>'
@@ -600,8 +602,8 @@ def test_mcap_of_what_diverged_has_null_for_what_is_no_number(recorded):
 def test_export_without_mcap_says_what_to_install(recorded, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap", None)
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    monkeypatch.delitem(sys.modules, "lab.foxglove")
-    monkeypatch.delattr("lab.foxglove", raising=False)
+    monkeypatch.delitem(sys.modules, "formnet.lab.scene.foxglove")
+    monkeypatch.delattr("formnet.lab.scene.foxglove", raising=False)
     code, said = formnet("export", recorded, "--format", "mcap", "--out", tmp_path / "x.mcap")
     assert code == 2
     assert "pip install 'formnet[export]'" in said

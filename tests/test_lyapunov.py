@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from agent.law import make, parameters
-from formation.loading import load
-from formation.messages import Stamped, State
-from formation.scenario import Scenario
-from lab import figures, inline, lyapunov, verdict
-from lab.recording import Collected
+from formnet.agent.law import make, parameters
+from formnet.formation.scenario.loading import load
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.state import Stamped, State
+from formnet.lab.figures import run_figures as figures
+from formnet.lab.judge import lyapunov, verdict
+from formnet.lab.judge.rises import Rise, rises
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected
 
 COMPENSATED = 'law.cross_term="compensated"'
 EXACT = (
@@ -22,10 +25,10 @@ def ran(scenario: Scenario) -> Collected:
     return recording
 
 
-def found_in(recording: Collected) -> tuple[lyapunov.Curve, list[lyapunov.Rise]]:
+def found_in(recording: Collected) -> tuple[lyapunov.Curve, list[Rise]]:
     curve = lyapunov.curve(recording)
     assert curve is not None
-    return curve, lyapunov.rises(recording, curve)
+    return curve, rises(recording, curve)
 
 
 # --- against what the law itself makes of the same states -----------------------------

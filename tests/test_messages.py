@@ -12,37 +12,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation import messages, record
-from formation.messages import (
-    BROADCAST_BYTES,
+from formnet.formation.wire import messages, record
+from formnet.formation.wire.broadcast import BROADCAST_BYTES, Broadcast, Envelope, run_tag, sealed
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import (
     Ask,
     Begin,
     Brief,
-    Broadcast,
     CatchUp,
     Drive,
     End,
-    Envelope,
     Failed,
     Gone,
     Join,
     Links,
     Measured,
     Meet,
-    MessageError,
     Ready,
     Rejected,
     Sense,
-    State,
     Timing,
     Waiting,
     decode,
     encode,
-    run_tag,
-    sealed,
 )
-from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
-from netem.link import FATES
+from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
+from formnet.formation.wire.state import State
+from formnet.netem.core.transit import FATES
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 integers = st.integers(-(2**63), 2**63 - 1)

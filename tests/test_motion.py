@@ -9,16 +9,17 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from formation.record import Event, Outcome
-from lab import inline, verdict
-from lab.cli import main
-from lab.difference import other_extremes
-from lab.nemesis import trial
-from lab.recorded import read_run, read_whole
-from lab.recording import Collected
-from lab.report import write_report
-from lab.scenarios import CONFIGS
-from lab.telling import motion_told, told
+from formnet.formation.wire.record import Event, Outcome
+from formnet.lab.cli import main
+from formnet.lab.judge import verdict
+from formnet.lab.launch import inline
+from formnet.lab.nemesis import trial
+from formnet.lab.pages.report import write_report
+from formnet.lab.runs.difference import other_extremes
+from formnet.lab.runs.recorded import read_run, read_whole
+from formnet.lab.runs.recording import Collected
+from formnet.lab.runs.words import motion_told, told
+from formnet.lab.scenarios.packaged import CONFIGS
 
 MOTION = {
     "closest": {"distance_m": 0.0962, "robots": [2, 4], "t_s": 3.21},

@@ -10,17 +10,18 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation.loading import load
-from formation.record import Event
-from lab import inline
-from lab.cli import main
-from lab.nemesis import command
-from lab.nemesis.consistency import inconsistencies
-from lab.nemesis.schedule import draw, scheduled
-from lab.nemesis.shrink import shrunk
-from lab.nemesis.trial import Trial, tried
-from lab.recording import Collected
-from netem.timeline import NEVER
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire.record import Event
+from formnet.lab.cli import main
+from formnet.lab.commands.many import nemesis as command
+from formnet.lab.launch import inline
+from formnet.lab.nemesis.consistency import inconsistencies
+from formnet.lab.nemesis.schedule import draw, scheduled
+from formnet.lab.nemesis.shrink import shrunk
+from formnet.lab.nemesis.smallest import smallest
+from formnet.lab.nemesis.trial import Trial, tried
+from formnet.lab.runs.recording import Collected
+from formnet.netem.settings.timeline import NEVER
 
 MS = 1_000_000
 SEED = 11
@@ -304,7 +305,7 @@ def test_a_planted_bug_is_found_and_shrunk_to_one_kill(chaos, monkeypatch):
     failing = trial(*chaos)
     found = tried(failing, lambda: False)
     assert any(problem.startswith("without any fate: ") for problem in found.problems)
-    (left,) = command._shrunk(failing, found, lambda: False)
+    (left,) = smallest(failing, found, lambda: False)
     assert left.action["action"] == "kill"
     assert left.end_s - left.begin_s <= 0.02
 

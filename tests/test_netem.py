@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from netem import (
+from formnet.netem import (
     DELIVERED,
     LOST_RANDOM,
     ConstantDelay,
@@ -24,10 +24,10 @@ from netem import (
     UniformDelay,
     stream,
 )
-from netem.delay_settings import ConstantDelaySettings, UniformDelaySettings
-from netem.link import Link
-from netem.loss_settings import RandomLossSettings
-from netem.tables import nanoseconds
+from formnet.netem.core.link import Link
+from formnet.netem.files.tables import nanoseconds
+from formnet.netem.settings.delays import ConstantDelaySettings, UniformDelaySettings
+from formnet.netem.settings.losses import RandomLossSettings
 
 ALPHA = 0.001
 MS = 1_000_000

@@ -11,11 +11,14 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation.graph import laplacian
-from formation.loading import load, loads
-from lab import inline, verdict
-from lab.cli import main
-from lab.new import (
+from formnet.formation.paper.graph import laplacian
+from formnet.formation.scenario.loading import load, loads
+from formnet.lab.cli import main
+from formnet.lab.forecast.stiffness import warnings
+from formnet.lab.judge import verdict
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected
+from formnet.lab.scenarios.new import (
     PATTERNS,
     SLOWEST_PER_S,
     CannotWrite,
@@ -24,10 +27,8 @@ from lab.new import (
     graph_edges,
     scenario_text,
 )
-from lab.recording import Collected
-from lab.schema import FILE, scenario_schema, text
-from lab.stiffness import warnings
-from netem.presets import PRESETS
+from formnet.lab.scenarios.schema import FILE, scenario_schema, text
+from formnet.netem.settings.presets import PRESETS
 
 GRAPHS = ("ring", "path", "complete", "star", "random")
 WISH = Wish("fleet", 8, "wedge", "ring", "wifi", None, 1, "lockstep")
@@ -258,6 +259,6 @@ def test_the_help_names_every_network():
 
 
 def test_too_stiff_for_any_period_is_said(monkeypatch):
-    monkeypatch.setattr("lab.new.longest_period_s", lambda course: 0.0)
+    monkeypatch.setattr("formnet.lab.scenarios.new.longest_period_s", lambda course: 0.0)
     with pytest.raises(CannotWrite, match="no control period is short enough"):
         scenario_text(WISH)

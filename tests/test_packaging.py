@@ -8,14 +8,15 @@ import sysconfig
 import tomllib
 import venv
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 import yaml
 from click.testing import CliRunner
 
-from formation.loading import load
-from lab.cli import main
-from lab.scenarios import CONFIGS, find, packaged
+from formnet.formation.scenario.loading import load
+from formnet.lab.cli import main
+from formnet.lab.scenarios.packaged import CONFIGS, find, packaged
 
 PARTS = ("agent", "configs", "formation", "lab", "netem", "plant")
 
@@ -67,7 +68,7 @@ def test_an_unknown_scenario_is_told_what_is_near(command):
 
 def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "asyncssh", None)
-    monkeypatch.delitem(sys.modules, "lab.hosts", raising=False)
+    monkeypatch.delitem(sys.modules, "formnet.lab.machines.hosts", raising=False)
     assert formnet("doctor").exit_code == 0
     hosts = tmp_path / "hosts.toml"
     hosts.write_text(
@@ -80,7 +81,7 @@ def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
 
 def test_help_loads_nothing_heavy():
     code = (
-        "import sys\nfrom lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "import sys\nfrom formnet.lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "print(*sys.modules, file=sys.stderr)"
     )
     loaded = subprocess.run(
@@ -92,26 +93,66 @@ def test_help_loads_nothing_heavy():
     assert heavy.isdisjoint(loaded)
 
 
-def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
-    source, wheels, home = (tmp_path / name for name in ("source", "wheels", "venv"))
-    for part in PARTS:
-        shutil.copytree(root / part, source / part, ignore=shutil.ignore_patterns("*.so", "__py*"))
+def copied(root, source):
+    """What a checkout holds of the package, without what was compiled in it."""
+    for part in (*PARTS, "formnet"):
+        shutil.copytree(root / part, source / part, symlinks=True,
+                        ignore=shutil.ignore_patterns("*.so", "__py*"))  # fmt: skip
     for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(root / file, source)
+
+
+def built(source, target, what="wheel"):
+    """A wheel or an sdist of ``source``, nothing compiled."""
+    target.mkdir(exist_ok=True)
+    code = f"import setuptools.build_meta as backend; backend.build_{what}({str(target)!r})"
+    subprocess.run([sys.executable, "-c", code], cwd=source, check=True, capture_output=True,
+                   env={**os.environ, "FORMNET_PURE": "1"})  # fmt: skip
+    (file,) = target.iterdir()
+    return file
+
+
+def test_a_wheel_of_an_sdist_has_the_same_files(root, tmp_path):
+    copied(root, tmp_path / "source")
+    sdist = built(tmp_path / "source", tmp_path / "sdist", "sdist")
+    shutil.unpack_archive(sdist, tmp_path / "unpacked", filter="data")
+    (folder,) = (tmp_path / "unpacked").iterdir()
+    assert not [path for path in folder.rglob("*") if path.is_symlink()]
+    wheels = [built(where, tmp_path / name)
+              for where, name in ((tmp_path / "source", "a"), (folder, "b"))]  # fmt: skip
+    names = [{name for name in ZipFile(wheel).namelist() if "dist-info" not in name}
+             for wheel in wheels]  # fmt: skip
+    assert names[0] == names[1]
+    assert {name.partition("/")[0] for name in names[0]} == {"formnet"}
+    assert {f"formnet/{file.relative_to(root).as_posix()}"
+            for part in PARTS for kind in ("py", "toml", "j2", "css")
+            for file in (root / part).rglob(f"*.{kind}")} < names[0]  # fmt: skip
+
+
+def test_a_checkout_without_links_is_told_what_to_do(root, tmp_path):
+    copied(root, tmp_path)
+    (tmp_path / "formnet" / "agent").unlink()
+    (tmp_path / "formnet" / "agent").write_text("../agent")
+    told = subprocess.run([sys.executable, "setup.py", "--version"], cwd=tmp_path, text=True,
+                          capture_output=True)  # fmt: skip
+    assert told.returncode == 1
+    assert "formnet/agent is a text file where a symbolic link should be" in told.stderr
+
+
+def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
+    copied(root, tmp_path / "source")
+    wheel, home = built(tmp_path / "source", tmp_path / "wheels"), tmp_path / "venv"
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "--no-cache-dir"]
     offline = ("--no-index", "--no-deps")
-    subprocess.run(
-        [*pip, "wheel", *offline, "--no-build-isolation", "--wheel-dir", wheels, source],
-        check=True, env={**os.environ, "FORMNET_PURE": "1"},
-    )  # fmt: skip
-    (wheel,) = wheels.glob("formnet-*-py3-none-any.whl")
     venv.create(home)
     python = home / "bin" / "python"
     subprocess.run([*pip, "--python", python, "install", *offline, wheel], check=True)
     packages = Path(subprocess.check_output(
         [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], text=True
     ).strip())  # fmt: skip
-    assert all((packages / part / "py.typed").exists() for part in PARTS if part != "configs")
+    assert (packages / "formnet" / "py.typed").exists()
+    assert all((packages / "formnet" / part).is_dir() for part in PARTS)
+    assert not any((packages / part).exists() for part in PARTS)
     # What formnet needs is that of this environment; formnet itself is not.
     (packages / "needs.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
     empty = tmp_path / "empty"

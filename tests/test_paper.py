@@ -4,11 +4,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from formation.geometry import rotated
-from formation.record import Samples
-from formation.theory import CLAIMS
-from lab import inline, verdict
-from lab.recording import Recording, Trajectories
+from formnet.formation.paper.geometry import rotated
+from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.wire.record import Samples
+from formnet.lab.judge import verdict
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Recording, Trajectories
 
 
 def simulate(scenario):

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from conftest import missing
 from playwright.sync_api import sync_playwright
 
-from lab.cli import main
-from lab.scenarios import CONFIGS
+from formnet.lab.cli import main
+from formnet.lab.scenarios.packaged import CONFIGS
 
 SIDEWAYS = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 WIDTHS = "[...document.querySelectorAll('figure img')].map(i => i.getBoundingClientRect().width)"

@@ -9,10 +9,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from formation.messages import Drive, State
-from plant import model
-from plant.body import Body, driven, steered
-from plant.world import BAD_COMMAND, BAD_STATE, World
+from formnet.formation.wire.messages import Drive
+from formnet.formation.wire.state import State
+from formnet.plant import model
+from formnet.plant.body import Body, driven, steered
+from formnet.plant.world import BAD_COMMAND, BAD_STATE, World
 
 
 def body(**changes: float) -> Body:

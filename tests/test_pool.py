@@ -1,7 +1,6 @@
 """Many pieces of work: at once and in turn, ended early, and failing."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -9,38 +8,9 @@ import time
 import psutil
 import pytest
 from rich.console import Console
+from workers import dying, endless, failing, squared, until_stopped
 
-from lab import pool
-
-
-def squared(item, stopped):
-    return item * item
-
-
-def until_stopped(item, stopped):
-    if item == 0:
-        return "first"
-    while not stopped():
-        pass
-    return "stopped"
-
-
-class Unpicklable(Exception):
-    def __init__(self, one, two):
-        super().__init__(one)
-
-
-def endless(begun, stopped):
-    begun.touch()
-    time.sleep(600.0)
-
-
-def failing(item, stopped):
-    raise Unpicklable("three is", "not good")
-
-
-def dying(item, stopped):
-    os.kill(os.getpid(), signal.SIGKILL)
+from formnet.lab.launch import pool
 
 
 def test_every_item_is_done_once():
@@ -79,7 +49,7 @@ def test_workers_die_with_the_process_that_began_them(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import os, pathlib, sys, time\n"
-        "from lab import pool\n"
+        "from formnet.lab.launch import pool\n"
         "def endless(item, stopped):\n"
         "    pathlib.Path(sys.path[0], f'{os.getpid()}.pid').touch()\n"
         "    time.sleep(600)\n"

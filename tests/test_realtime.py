@@ -18,14 +18,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.law import Command
-from agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
-from formation.loading import load
-from formation.messages import Broadcast, Drive, Envelope, Measured, State, run_tag
-from formation.sync import RemoteClock, Spread
-from lab.scenarios import CONFIGS
-from plant.timed import TimedWorld
-from plant.world import World
+from formnet.agent.law import Command
+from formnet.agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
+from formnet.formation.wire.messages import Drive, Measured
+from formnet.formation.wire.state import State
+from formnet.formation.wire.sync import RemoteClock, Spread
+from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.plant.timed import TimedWorld
+from formnet.plant.world import World
 
 MS = 1_000_000
 YARD = CONFIGS / "yard.toml"
@@ -272,7 +274,7 @@ class Run:
     def __init__(self, out: Path, *overrides: str) -> None:
         self.out, self.log = out, out.with_suffix(".log")
         sets = [part for text in overrides for part in ("--set", text)]
-        run = [sys.executable, "-m", "lab.cli", "run", "--no-figures"]
+        run = [sys.executable, "-m", "formnet", "run", "--no-figures"]
         command = [*run, str(YARD), "--out", str(out), *sets]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
@@ -417,7 +419,7 @@ def test_a_plant_in_real_time_that_dies_ends_the_run(start):
 )
 def test_what_needs_virtual_time_says_so(tmp_path, command, words):
     result = subprocess.run(
-        [sys.executable, "-m", "lab.cli", command[0], str(YARD), *command[1:]],
+        [sys.executable, "-m", "formnet", command[0], str(YARD), *command[1:]],
         cwd=tmp_path, capture_output=True, text=True,
     )  # fmt: skip
     assert result.returncode == 2

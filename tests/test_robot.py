@@ -14,24 +14,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agent.law import Command, LawFailed
-from agent.robot import Outgoing, Robot
-from formation.messages import (
-    HELLO,
-    Broadcast,
-    Drive,
-    Envelope,
-    Links,
-    Rejected,
-    Sense,
-    Stamped,
-    State,
-    decode,
-    encode,
-    run_tag,
-    sealed,
-)
-from netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
+from formnet.agent.law import Command, LawFailed
+from formnet.agent.robot import Outgoing, Robot
+from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope, run_tag, sealed
+from formnet.formation.wire.messages import Drive, Links, Rejected, Sense, decode, encode
+from formnet.formation.wire.state import Stamped, State
+from formnet.netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
 
 MS = 1_000_000
 RUN = "the-run"

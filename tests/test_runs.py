@@ -21,14 +21,14 @@ import pytest
 from conftest import missing
 from plugin import install
 
-from agent.law import Command, Situation
-from formation import bus, record
-from formation.loading import load
-from formation.record import Event, Record
-from lab import build
-from lab.execution import execute
-from lab.launch import free_port
-from lab.recording import Recording
+from formnet.agent.law import Command, Situation
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire import bus, record
+from formnet.formation.wire.record import Event, Record
+from formnet.lab.launch.execution import execute
+from formnet.lab.launch.launch import free_port
+from formnet.lab.runs import build
+from formnet.lab.runs.recording import Recording
 
 SECTION5 = "paper/section5-delay"
 EVERY_ACTION = "network/every-action"
@@ -47,7 +47,7 @@ class Run:
         self.log = out.with_suffix(".log")
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "lab.cli", "run", "--no-figures", *arguments, "--out", str(out)],
+                [sys.executable, "-m", "formnet", "run", "--no-figures", *arguments, "--out", str(out)],
                 cwd=root, stdout=log, stderr=subprocess.STDOUT, env={**os.environ, **(env or {})},
             )  # fmt: skip
 
@@ -250,18 +250,25 @@ def test_a_robot_lost_before_its_planned_restart_comes_back_then(start):
 
 
 def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
-    package = tmp_path / "lab"
-    package.mkdir()
+    """Before anything of the command is imported: this checkout has no command at all."""
     (tmp_path / "setup.py").touch()
-    for name in ("__init__.py", "build.py", "cli.py"):
-        (package / name).write_bytes((root / "lab" / name).read_bytes())
+    needed = ("formnet/__init__.py", "formnet/__main__.py", "lab/__init__.py", "lab/cli.py",
+              "lab/program.py", "lab/streams.py", "lab/runs/__init__.py", "lab/runs/build.py",
+              "lab/runs/exits.py")  # fmt: skip
+    for name in needed:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes((root / name).read_bytes())
+    (tmp_path / "formnet" / "lab").symlink_to(tmp_path / "lab")
     source, built = tmp_path / "agent" / "robot.py", tmp_path / "agent" / "robot.cpython-3.so"
     source.parent.mkdir()
     for path, age in ((built, 100), (source, 200)):
         path.touch()
         os.utime(path, (age, age))
     run = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "laws"], cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, "-m", "formnet", "laws"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     assert run.returncode == 2
     assert "agent/robot.py is newer than its compiled module: run `make build`" in run.stderr
@@ -288,9 +295,8 @@ def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     """An install compiles the hot path where it can; the source alone must give the same bits."""
     if not build.compiled():
         missing("gcc")
-    for package in ("agent", "formation", "lab", "netem", "plant"):
-        shutil.copytree(root / package, tmp_path / "source" / package,
-                        ignore=shutil.ignore_patterns("*.so"))  # fmt: skip
+    shutil.copytree(root / "formnet", tmp_path / "source" / "formnet",
+                    ignore=shutil.ignore_patterns("*.so"))  # fmt: skip
     short = ("--inline", "duration_s=0.6", *RANDOM_NETWORK)
     alone = {"PYTHONPATH": str(tmp_path / "source"), "PYTHONSAFEPATH": "1"}
     interpreted = start("interpreted", *short, env=alone)
@@ -418,7 +424,7 @@ def test_strangers_on_the_bus_are_refused_counted_and_change_nothing(start, root
     }  # fmt: skip
     assert {(2, 1), (5, 1), ("plant", 2)} <= rejected
     samples = [row for r in records if isinstance(r, record.Samples) for row in r.rows]
-    from lab.recording import trajectory_sha256
+    from formnet.lab.runs.recording import trajectory_sha256
 
     assert trajectory_sha256(samples) == reference.verdict()["trajectory_sha256"]
 
@@ -426,7 +432,7 @@ def test_strangers_on_the_bus_are_refused_counted_and_change_nothing(start, root
 def by_hand(root: Path, endpoint: str, name: str, out: Path, *overrides: str) -> list:
     """A plant and five agents, started one by one as a user would in six terminals."""
     sets = [part for text in overrides for part in ("--set", text)]
-    command = [sys.executable, "-m", "lab.cli"]
+    command = [sys.executable, "-m", "formnet"]
     processes = [
         subprocess.Popen(
             [
@@ -536,7 +542,7 @@ def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
     assert "lost at t = 0.100 s: robot 4: did not answer for 1 s" in said
     assert "nothing was claimed, but not all went well" in said
     again = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "verify", str(run.out)],
+        [sys.executable, "-m", "formnet", "verify", str(run.out)],
         capture_output=True, text=True, timeout=60.0, env={**os.environ, **env},
     )  # fmt: skip
     assert again.returncode == 0
@@ -566,8 +572,8 @@ def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tm
             if isinstance(record, Event) and record.kind == "waiting":
                 told.set()
 
-    monkeypatch.setattr("lab.stuck.PATIENCE_S", 0.05)
-    monkeypatch.setattr("agent.law.load", lambda kind: Endless)
+    monkeypatch.setattr("formnet.lab.launch.stuck.PATIENCE_S", 0.05)
+    monkeypatch.setattr("formnet.agent.law.load", lambda kind: Endless)
     recording = Sink(tmp_path / "run", load(Path(f"configs/{SECTION5}.toml")))
     before = signal.signal(number, lambda *_: interrupted.set())
     try:
@@ -593,7 +599,7 @@ def test_a_plug_in_law_runs(start, tmp_path):
 
 def test_endpoints_off_loopback_are_refused(root):
     result = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "agent", "--robot", "1", "--run", "x",
+        [sys.executable, "-m", "formnet", "agent", "--robot", "1", "--run", "x",
          "--connect", "tcp/192.0.2.1:7447"],
         cwd=root, capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip

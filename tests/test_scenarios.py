@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from formation.loading import ScenarioError, dumps, load, loads
-from lab.cli import main
-from netem.presets import PRESETS
+from formnet.formation.scenario.loading import ScenarioError, dumps, load, loads
+from formnet.lab.cli import main
+from formnet.netem.settings.presets import PRESETS
 
 PAPER = Path(__file__).parent.parent / "configs" / "paper"
 GOOD = (PAPER / "section5-delay.toml").read_text(encoding="utf-8")

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from formation.scenario import Scenario
-from lab.cli import main
-from lab.reference import reference
-from lab.schema import FILE, UNITS, markdown, scenario_schema
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.cli import main
+from formnet.lab.scenarios.reference import reference
+from formnet.lab.scenarios.schema import FILE, UNITS, markdown, scenario_schema
 
 SCHEMA = scenario_schema()
 CHECK = jsonschema.Draft202012Validator(SCHEMA)

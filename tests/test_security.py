@@ -18,16 +18,17 @@ from click.testing import CliRunner
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
-from formation import bus
-from formation.loading import load
-from formation.record import Event, Samples, read
-from formation.security import MONITOR, PLANT, Credentials, KeysError, robot_name
-from lab import keys, verdict
-from lab.cli import main
-from lab.launch import Launch, Place, free_port
-from lab.recording import Recording, trajectory_sha256
-from lab.refusals import MANY
-from lab.scenarios import CONFIGS
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire import bus
+from formnet.formation.wire.record import Event, Samples, read
+from formnet.formation.wire.security import MONITOR, PLANT, Credentials, KeysError, robot_name
+from formnet.lab.cli import main
+from formnet.lab.judge import verdict
+from formnet.lab.launch.launch import Launch, Place, free_port
+from formnet.lab.launch.refusals import MANY
+from formnet.lab.machines import keys
+from formnet.lab.runs.recording import Recording, trajectory_sha256
+from formnet.lab.scenarios.packaged import CONFIGS
 
 PATIENCE_S = 1.0
 
@@ -328,7 +329,7 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     inline = ("--inline", "--no-figures", "--out", tmp_path / "inline")
     assert formnet("run", scenario, *common, *inline)[0] == 1
     endpoint, out = f"tls/127.0.0.1:{free_port()}", tmp_path / "record"
-    formnet_ = [sys.executable, "-m", "lab.cli"]
+    formnet_ = [sys.executable, "-m", "formnet"]
     with (tmp_path / "plant.log").open("w") as log:
         plant = subprocess.Popen(
             [*formnet_, "plant", scenario, "--listen", endpoint, "--record", str(out), "--run",

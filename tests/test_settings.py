@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from netem import LinkSettings
-from netem.delay_settings import DelaySettings
-from netem.loss_settings import LossSettings
-from netem.presets import PRESETS
-from netem.problems import problems
-from netem.tables import members
+from formnet.netem import LinkSettings
+from formnet.netem.files.problems import problems
+from formnet.netem.files.tables import members
+from formnet.netem.settings.delays import DelaySettings
+from formnet.netem.settings.losses import LossSettings
+from formnet.netem.settings.presets import PRESETS
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.markup import escape
 
-from lab.cli import main
-from lab.scenarios import CONFIGS
-from lab.side_by_side import MOST_COLUMNS, fitting, renderables, turned
+from formnet.lab.cli import main
+from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.text.side_by_side import MOST_COLUMNS, fitting, renderables, turned
 
 ROWS = [
     ("verdict", ["FAILS", "holds", "FAILS", "holds"] * 2),

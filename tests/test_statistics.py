@@ -6,8 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netem.link import CORRUPTED, DELIVERED, DUPLICATED, IN_FLIGHT, LOST_BURST, LOST_LATE
-from netem.statistics import Fate, Tally, next_jitter, summarise
+from formnet.netem.core.statistics import Fate, Tally, next_jitter, summarise
+from formnet.netem.core.transit import (
+    CORRUPTED,
+    DELIVERED,
+    DUPLICATED,
+    IN_FLIGHT,
+    LOST_BURST,
+    LOST_LATE,
+)
 
 MS = 1_000_000
 

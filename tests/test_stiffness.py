@@ -9,14 +9,15 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.law import Command
-from formation.loading import load, loads
-from formation.theory import assess
-from lab import inline, stiffness
-from lab.cli import main
-from lab.new import Wish, scenario_text
-from lab.recording import Collected
-from lab.stiffness import LIMIT, Look, course, longest_period_s, warnings
+from formnet.agent.law import Command
+from formnet.formation.paper.theory import assess
+from formnet.formation.scenario.loading import load, loads
+from formnet.lab.cli import main
+from formnet.lab.forecast import stiffness
+from formnet.lab.forecast.stiffness import LIMIT, Look, course, longest_period_s, warnings
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected
+from formnet.lab.scenarios.new import Wish, scenario_text
 
 COMPLETE = "formation.edges=[[1,2],[1,3],[1,4],[1,5],[2,3],[2,4],[2,5],[3,4],[3,5],[4,5]]"
 STAR = "formation.edges=[[1,2],[1,3],[1,4],[1,5]]"

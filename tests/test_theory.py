@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from formation.loading import load
-from formation.theory import CLAIMS, assess
+from formnet.formation.paper.theory import CLAIMS, assess
+from formnet.formation.scenario.loading import load
 
 UNIFORM = 'network.default.delay={distribution="uniform", low_s=0.05, high_s=0.3}'
 DELAYED = 'network.default.delay={distribution="constant", mean_s=0.1}'

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-LOOK = "import os; import formation.bus; print(os.environ['ZENOH_RUNTIME'])"
-MANY = "from formation import threads; threads.many(); " + LOOK
+LOOK = "import os; import formnet.formation.wire.bus; print(os.environ['ZENOH_RUNTIME'])"
+MANY = "from formnet.formation.wire import threads; threads.many(); " + LOOK
 MINE = "(app: (worker_threads: 3))"
 
 

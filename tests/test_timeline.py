@@ -4,14 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.loading import ScenarioError, dumps, load, loads
-from formation.partition import PartitionAction
-from formation.record import LinkRows
-from lab import inline
-from netem import Change, Cut, Heal, LinkOverrides, LinkSettings, Ramp, Timeline
-from netem.ramp import checked_parameter, ramped
-from netem.settings import SettingError
-from netem.timeline import NEVER
+from formnet.formation.plan.partition import PartitionAction
+from formnet.formation.scenario.loading import ScenarioError, dumps, load, loads
+from formnet.formation.wire.record import LinkRows
+from formnet.lab.launch import inline
+from formnet.netem import Change, Cut, Heal, LinkOverrides, LinkSettings, Ramp, Timeline
+from formnet.netem.settings.links import SettingError
+from formnet.netem.settings.ramp import checked_parameter, ramped
+from formnet.netem.settings.timeline import NEVER
 
 MS = 1_000_000
 S = 1_000_000_000

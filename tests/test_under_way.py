@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from netem import (
+from formnet.netem import (
     CORRUPTED,
     DELIVERED,
     DUPLICATED,
@@ -27,7 +27,7 @@ from netem import (
     Timeline,
     Transit,
 )
-from netem.lanes import ChangeRequest, LaneFile, Lanes
+from formnet.netem.bridge.lanes import ChangeRequest, LaneFile, Lanes
 
 MS = 1_000_000
 S = 1_000_000_000

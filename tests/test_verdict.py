@@ -13,13 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.loading import load
-from formation.messages import Rejected
-from formation.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
-from formation.theory import CLAIMS
-from lab import inline, verdict
-from lab.folders import RunExists
-from lab.recording import Recording, trajectory_sha256
+from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire.messages import Rejected
+from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
+from formnet.lab.judge import verdict
+from formnet.lab.launch import inline
+from formnet.lab.runs.folders import RunExists
+from formnet.lab.runs.recording import Recording, trajectory_sha256
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -9,11 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from formation.record import LinkRow, Outcome, Sample
-from lab import verify
-from lab.cli import main
-from lab.difference import first_difference
-from lab.scenarios import CONFIGS
+from formnet.formation.wire.record import LinkRow, Outcome, Sample
+from formnet.lab.cli import main
+from formnet.lab.commands.look import verify
+from formnet.lab.runs.difference import first_difference
+from formnet.lab.scenarios.packaged import CONFIGS
 
 SHORT = ("duration_s=0.5", "network.default.loss.probability=0.1")
 

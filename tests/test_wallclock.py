@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from netem import ConstantDelay, Link, RandomLoss, UniformDelay
-from netem.wallclock import ClockClosed, WallClock
+from formnet.netem import ConstantDelay, Link, RandomLoss, UniformDelay
+from formnet.netem.core.wallclock import ClockClosed, WallClock
 
 MS = 1_000_000
 

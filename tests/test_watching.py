@@ -18,19 +18,19 @@ from conftest import missing
 from playwright.sync_api import sync_playwright
 from rerun.chunk import RrdReader
 
-from formation import bus
-from formation.loading import load
-from formation.record import LinkRow, LinkRows, Outcome, Sample, Samples
-from lab import keys
-from lab.cli import main
-from lab.execution import execute
-from lab.launch import LocalChild, Place, free_port
-from lab.layout import scale_bar
-from lab.recording import Recording, read_states, trajectory_sha256
-from lab.rrd import RunFile
-from lab.scenarios import CONFIGS
-from lab.scene import Scene
-from lab.viewer import binary
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire import bus
+from formnet.formation.wire.record import LinkRow, LinkRows, Outcome, Sample, Samples
+from formnet.lab.cli import main
+from formnet.lab.launch.execution import execute
+from formnet.lab.launch.launch import LocalChild, Place, free_port
+from formnet.lab.machines import keys
+from formnet.lab.runs.recording import Recording, read_states, trajectory_sha256
+from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.scene.blueprint import scale_bar
+from formnet.lab.scene.rrd import RunFile
+from formnet.lab.scene.scene import Scene
+from formnet.lab.scene.viewer import binary
 
 PATIENCE_S = 60.0
 SECTION5 = CONFIGS / "paper" / "section5-delay.toml"
@@ -221,7 +221,7 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
 def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
     out = tmp_path / "run"
     run = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "run", "--no-figures", str(SECTION5), "--out", str(out)],
+        [sys.executable, "-m", "formnet", "run", "--no-figures", str(SECTION5), "--out", str(out)],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     file = out / "run.rrd"
@@ -262,7 +262,7 @@ def watched_run(folder, monitor_options, *sets, meanwhile=lambda monitor: None, 
     def begun(endpoint, run):
         secured = [] if secure is None else ["--keys", str(secure)]
         monitor = LocalChild(
-            [sys.executable, "-m", "lab.cli", "monitor", "--connect", endpoint, "--run", run,
+            [sys.executable, "-m", "formnet", "monitor", "--connect", endpoint, "--run", run,
              "--leash", *monitor_options, *secured],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
@@ -312,14 +312,14 @@ def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number)
 def test_who_comes_late_gets_the_events_before_and_sees_the_rest(tmp_path):
     out, seen = tmp_path / "run", tmp_path / "seen.rrd"
     run = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "run", str(SECTION5), "--no-figures", "--out", str(out), "--set",
+        [sys.executable, "-m", "formnet", "run", str(SECTION5), "--no-figures", "--out", str(out), "--set",
          HAPPENINGS, "--set", "duration_s=12"],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     events = out / "events.jsonl"
     until(lambda: events.exists() and "restart" in events.read_text())
     monitor = subprocess.run(
-        [sys.executable, "-m", "lab.cli", "monitor", str(out), "--save", str(seen)],
+        [sys.executable, "-m", "formnet", "monitor", str(out), "--save", str(seen)],
         capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert run.wait(PATIENCE_S) in (0, 1)
@@ -339,7 +339,7 @@ def test_in_a_browser_the_scene_moves(tmp_path):
     if browser is None:
         missing("chromium")
     run = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "run", str(CONFIGS / "yard.toml"), "--web", "--out",
+        [sys.executable, "-m", "formnet", "run", str(CONFIGS / "yard.toml"), "--web", "--out",
          str(tmp_path / "run"), "--set", "duration_s=60"],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
@@ -376,7 +376,7 @@ def test_in_a_browser_the_scene_moves(tmp_path):
 
 def test_a_replay_that_is_ended_takes_its_viewer_along(recorded):
     replay = subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", "replay", str(recorded), "--web"],
+        [sys.executable, "-m", "formnet", "replay", str(recorded), "--web"],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert "until Ctrl-C" in replay.stdout.readline()
@@ -409,7 +409,7 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
 
 
 def test_where_no_run_goes_on_nothing_can_be_watched(monkeypatch):
-    monkeypatch.setattr("lab.monitor._SEARCH_S", 0.5)
+    monkeypatch.setattr("formnet.lab.watch.monitor._SEARCH_S", 0.5)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with bus.session(listen=endpoint):
         code, said = formnet("monitor", "--connect", endpoint, "--web")

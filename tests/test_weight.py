@@ -5,10 +5,10 @@ The name of a run, its random label on the bus and the time that has passed deci
 
 import pytest
 
-from formation.messages import BROADCAST_BYTES
-from lab import inline
-from lab.recording import Collected, trajectory_sha256
-from netem.statistics import Fate, summarise
+from formnet.formation.wire.broadcast import BROADCAST_BYTES
+from formnet.lab.launch import inline
+from formnet.lab.runs.recording import Collected, trajectory_sha256
+from formnet.netem.core.statistics import Fate, summarise
 
 LINKS = {
     "rate": "rate={bits_per_s=80000}",

@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.record import LinkRow
-from netem.link import LOST_DOWN
-from plant.witness import Witness
+from formnet.formation.wire.record import LinkRow
+from formnet.netem.core.transit import LOST_DOWN
+from formnet.plant.witness import Witness
 
 
 def row(sequence, *, source=1, destination=2, fate="delivered"):

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from saturated import SaturatedLaw
 
-from agent.law import situation
-from formation.loading import load
-from formation.messages import Stamped, State
+from formnet.agent.law import situation
+from formnet.formation.scenario.loading import load
+from formnet.formation.wire.state import Stamped, State
 
 SCENARIO = Path(__file__).with_name("saturated.toml")
 

@@ -12,8 +12,8 @@ import time
 
 from talker import session, tell
 
-from netem import LinkSettings
-from netem.wallclock import WallClock
+from formnet.netem import LinkSettings
+from formnet.netem.core.wallclock import WallClock
 
 SETTINGS = {
     "delay": {"distribution": "uniform", "low_s": 0.05, "high_s": 0.15},

@@ -11,9 +11,9 @@ from math import cos, pi, sin
 
 import networkx as nx
 
-from formation.graph import components
-from lab.claim_words import EQUATIONS
-from lab.claims.claim import ALL_HOLD, APART, NEVER_RISES, NOT_HOME, Case, Claim
+from formnet.formation.paper.graph import components
+from formnet.lab.claims.claim import ALL_HOLD, APART, NEVER_RISES, NOT_HOME, Case, Claim
+from formnet.lab.judge.claim_words import EQUATIONS
 
 SECTION5, DELAYED = "paper/section5.toml", "paper/section5-delay.toml"
 FOLLOWING = "faults/leader-follower.toml"

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from formation.theory import CLAIMS
+from formnet.formation.paper.theory import CLAIMS
 
 ALL_HOLD: Mapping[str, bool] = dict.fromkeys(CLAIMS, True)
 """Eqs. 3, 4 and 5 hold."""

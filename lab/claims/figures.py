@@ -7,12 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from formation.geometry import errors
-from formation.record import Event
-from lab.canvas import COLOURS, blank, colours, dashes
-from lab.claim_words import EQUATIONS, labels
-from lab.claims.results import BROKEN, FAILS, OBSERVED, Row
-from lab.recording import Collected
+from formnet.formation.paper.geometry import errors
+from formnet.formation.wire.record import Event
+from formnet.lab.claims.results import BROKEN, FAILS, OBSERVED, Row
+from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes
+from formnet.lab.judge.claim_words import EQUATIONS, labels
+from formnet.lab.runs.recording import Collected
 
 _LEAST, _MOST = 1e-8, 1e5
 _VERDICT_COLOURS = {FAILS: "#D55E00", BROKEN: "#D55E00", OBSERVED: "0.45"}

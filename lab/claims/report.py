@@ -5,10 +5,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from lab import files
-from lab.claim_words import EQUATIONS
-from lab.claims.results import Row
-from lab.verdict import versions
+from formnet.lab.claims.results import Row
+from formnet.lab.judge.claim_words import EQUATIONS
+from formnet.lab.judge.verdict import versions
+from formnet.lab.runs import files
 
 BEGIN, END = "<!-- formnet claims: begin -->", "<!-- formnet claims: end -->"
 

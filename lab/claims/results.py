@@ -1,12 +1,12 @@
 """How the runs of the claims ended, against how they should."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from lab.claim_words import EQUATIONS
-from lab.claims.claim import Case, Claim
+from formnet.lab.claims.claim import Case, Claim
+from formnet.lab.judge.claim_words import EQUATIONS
 
 HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
 
@@ -102,3 +102,12 @@ class Row:
                 errors = [r.error(claim) for r in chosen]
                 return wanted, choose(inf if error is None else error for error in errors)
         return None, None
+
+
+def complete(claims: Sequence[Claim], done: Mapping[tuple[str, str], Result]) -> Iterator[Row]:
+    """The rows of which every run is in ``done``, by the keys of claim and case."""
+    for claim in claims:
+        results = [done.get((claim.key, case.name)) for case in claim.cases]
+        known = [result for result in results if result is not None]
+        if len(known) == len(results):
+            yield Row(claim, known)

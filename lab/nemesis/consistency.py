@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from itertools import combinations, groupby, pairwise
 from math import hypot
 
-from lab.recording import Collected
-from netem.link import CORRUPTED, DELIVERED, DUPLICATED
+from formnet.lab.runs.recording import Collected
+from formnet.netem.core.transit import CORRUPTED, DELIVERED, DUPLICATED
 
 ORDER = {"kill": 0, "pause": 1, "restart": 2, "resume": 3}
 """What befalls robots at one tick happens in this order."""

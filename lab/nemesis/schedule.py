@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 import tomli_w
 
-from formation.loading import dumps, loads
-from formation.partition import PartitionAction
-from formation.scenario import Scenario
-from netem.streams import stream
+from formnet.formation.plan.partition import PartitionAction
+from formnet.formation.scenario.loading import dumps, loads
+from formnet.formation.scenario.model import Scenario
+from formnet.netem.core.streams import stream
 
 Item = TypeVar("Item")
 
@@ -227,7 +227,7 @@ def _in_flight(random: Random) -> str:
 
 
 def _below(random: Random, bound: int) -> int:
-    """A whole number from 0 to before ``bound``, of one draw (see :mod:`netem.streams`)."""
+    """A whole number from 0 to before ``bound``, of one draw (see :mod:`netem.core.streams`)."""
     return int(random.random() * bound)
 
 

@@ -7,15 +7,15 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
-from formation.scenario import Scenario
-from formation.theory import CLAIMS
-from lab import verdict
-from lab.difference import first_difference, other_extremes
-from lab.execution import execute
-from lab.nemesis.consistency import inconsistencies
-from lab.nemesis.schedule import Episode, scheduled
-from lab.pool import Stopped
-from lab.recording import Collected, Recording, trajectory_sha256
+from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.judge import verdict
+from formnet.lab.launch.execution import execute
+from formnet.lab.launch.pool import Stopped
+from formnet.lab.nemesis.consistency import inconsistencies
+from formnet.lab.nemesis.schedule import Episode, scheduled
+from formnet.lab.runs.difference import first_difference, other_extremes
+from formnet.lab.runs.recording import Collected, Recording, trajectory_sha256
 
 
 class Trial(NamedTuple):
@@ -44,6 +44,22 @@ class Finding(NamedTuple):
     def kinds(self) -> frozenset[str]:
         """What the problems are, without what they say of this one run."""
         return frozenset(problem.partition(":")[0] for problem in self.problems)
+
+
+def unfit(scenario: Scenario) -> str | None:
+    """Why a scenario is none for the nemesis, or None."""
+    if scenario.clock.mode == "realtime":
+        return 'clock.mode = "realtime": must be "lockstep", in which runs repeat to the bit'
+    if scenario.timeline:
+        return "timeline: must be empty: the nemesis makes its own (--set timeline=[])"
+    if scenario.run.on_unscheduled_loss == "abort":
+        return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
+    if not scenario.directed_links:
+        return "formation.edges = []: needs an edge: what fails is links, too"
+    expect = scenario.expect
+    if expect is None or not (expect.formation or expect.heading or expect.centroid):
+        return "expect: must claim formation, heading or centroid, to say what recovery is"
+    return None
 
 
 def tried(trial: Trial, stopped: Stopped) -> Finding:

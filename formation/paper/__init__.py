@@ -1,0 +1,1 @@
+"""What the paper's theorems say of a scenario, and its errors."""

@@ -1,0 +1,286 @@
+"""What the paper proves about a scenario: graph numbers, the theorem it falls under, warnings.
+
+A broken assumption is a warning, not an error: an experiment may break it on
+purpose.
+"""
+
+from typing import NamedTuple
+
+from formnet.formation.paper.graph import (
+    algebraic_connectivity,
+    components,
+    laplacian,
+    smallest_eigenvalue,
+)
+from formnet.formation.plan.timeline import effects
+from formnet.formation.scenario.model import Scenario
+from formnet.netem.settings.actions import Cut, Heal
+
+CLAIMS = ("formation", "heading", "centroid")
+"""Eqs. 3, 4 and 5, by the names they have in ``[expect]``."""
+
+
+LAWS = ("cooperative", "leader_follower")
+"""The laws that the paper speaks of: that of its theorems, and the one Remark 9 holds beside it."""
+
+
+class Assessment(NamedTuple):
+    """The theory's view of one scenario.
+
+    ``theorem`` is 1-6 or None; ``why`` says how that follows. ``claims`` maps
+    each of CLAIMS to whether the theorem claims it (empty without a theorem).
+    ``cross_term_margin`` is β λ_min(L + diag μ), which must exceed 1/4 for
+    Theorems 2 and 4 to survive the cross term their proofs drop.
+    """
+
+    algebraic_connectivity: float
+    smallest_eigenvalue: float
+    cross_term_margin: float
+    theorem: int | None
+    why: str
+    claims: dict[str, bool]
+    warnings: list[str]
+
+
+def of_the_paper(scenario: Scenario) -> bool:
+    """Whether the paper speaks of the scenario's law (see LAWS)."""
+    return scenario.law.kind in LAWS
+
+
+def assess(scenario: Scenario) -> Assessment:
+    """Classify a valid scenario and name every assumption it breaks.
+
+    Of a law that the paper does not speak of, no theorem is expected: the only warnings are that
+    robots do not hear of each other.
+    """
+    matrix = laplacian(scenario.ids, scenario.formation.weights)
+    damping = [scenario.vehicles[robot].damping for robot in scenario.ids]
+    connectivity = algebraic_connectivity(matrix)
+    smallest = smallest_eigenvalue(matrix, damping)
+    margin = scenario.law.beta * smallest
+    broken = _broken_assumptions(scenario)
+    gaps, apart = _uncovered(scenario), _split(scenario)
+    disturbances = [*_planned(scenario), *apart, *_imperfect_link(scenario)]
+    theorem: int | None = None
+    if broken or gaps or disturbances:
+        why = "no theorem applies: " + "; ".join([*broken, *gaps, *disturbances])
+    else:
+        theorem, why = _theorem(scenario, any(mu > 0 for mu in damping))
+    claims = (
+        {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
+    )
+    # To see what holds on an imperfect network, with failures, is what a run is for: no warning.
+    beyond = bool(broken or gaps)
+    if not of_the_paper(scenario):
+        return Assessment(
+            connectivity, smallest, margin, theorem, why, claims, _out_of_touch(scenario, apart)
+        )
+    warnings = [
+        *broken,
+        *_expectation_warnings(scenario, theorem, claims, gaps, apart, beyond=beyond),
+    ]
+    if theorem in (2, 4) and scenario.law.cross_term == "printed" and margin <= 0.25:
+        warnings.append(
+            f"law.cross_term: β λ_min(L + diag μ) = {margin:.3g} is not above 1/4, so the term "
+            f"w1 z2 z3 that the proof of Theorem {theorem} drops is not dominated; "
+            'cross_term = "compensated" removes it'
+        )
+    return Assessment(connectivity, smallest, margin, theorem, why, claims, warnings)
+
+
+def _broken_assumptions(scenario: Scenario) -> list[str]:
+    broken = []
+    if (groups := _parts(scenario)) is not None:
+        broken.append(f"Assumption 1 (connected graph): the graph falls into {groups}")
+    w1 = scenario.law.w1
+    if w1.bias == 0.0 and (w1.amplitude == 0.0 or w1.frequency_radps == 0.0):
+        broken.append("Assumption 2 (persistent excitation): w1 is zero at all times")
+    return broken
+
+
+def _parts(scenario: Scenario) -> str | None:
+    """What the graph falls into; None if it is connected."""
+    groups = components(scenario.ids, scenario.formation.edges)
+    return _in_braces(groups) if len(groups) > 1 else None
+
+
+def _out_of_touch(scenario: Scenario, apart: list[str]) -> list[str]:
+    """That robots do not hear of each other, from the start or, if anything is claimed, later."""
+    groups = _parts(scenario)
+    found = [] if groups is None else [f"formation.edges: the graph falls into {groups}"]
+    return found + _not_coming_about(scenario, apart)
+
+
+def _not_coming_about(scenario: Scenario, apart: list[str]) -> list[str]:
+    expect = scenario.expect
+    if expect is None or not any(getattr(expect, claim) for claim in CLAIMS):
+        return []
+    return [f"[expect] claims what may not come about: {since}" for since in apart]
+
+
+def _uncovered(scenario: Scenario) -> list[str]:
+    """What no theorem speaks of although no assumption forbids it."""
+    gaps = []
+    law = scenario.law
+    if law.kind != "cooperative":
+        gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
+    if law.delta == "printed":
+        gaps.append("Δ has the sign printed in Eq. 19, with which the proofs fail")
+    delays: dict[int, set[int | None]] = {}
+    for source, destination in scenario.directed_links:
+        delay_ns = scenario.link_settings(source, destination).constant_ns
+        delays.setdefault(source, set()).add(delay_ns)
+    uneven = [r for r, values in delays.items() if len(values) > 1 and None not in values]
+    if uneven:
+        gaps.append(
+            f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
+        )
+    damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
+    if not damped and any(value for values in delays.values() for value in values):
+        gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
+    if law.level == "dynamic":
+        gaps.extend(outside_model(scenario))
+    return gaps
+
+
+def _planned(scenario: Scenario) -> list[str]:
+    """What happens to robots and to the network that no theorem allows."""
+    found = []
+    falls = [
+        some for some in scenario.roster().happenings()
+        if some.verb in ("kill", "pause") and some.tick <= scenario.ticks
+    ]  # fmt: skip
+    if falls:
+        who = sorted({robot for fall in falls for robot in fall.robots})
+        several, first = len(who) > 1, ", the first " if len(falls) > 1 else " "
+        found.append(
+            f"robot{'s' * several} {', '.join(map(str, who))} fail{'s' * (not several)}"
+            f"{first}at {falls[0].tick * scenario.clock.control_period_s:g} s"
+        )
+    changes = [
+        entry for entry in scenario.plan
+        if not entry.robots and entry.at_s <= scenario.duration_s
+    ]  # fmt: skip
+    if changes:
+        more = f", the first of {len(changes)} changes" if len(changes) > 1 else ""
+        found.append(f"the network changes at {changes[0].at_s:g} s ({changes[0].what}{more})")
+    return found
+
+
+def _split(scenario: Scenario) -> list[str]:
+    """Since when the robots that are up at the end have been out of touch, if a plan does it."""
+    period_ns = scenario.clock.control_period_ns
+    end_ns = scenario.ticks * period_ns
+    roster = scenario.roster()
+    if not scenario.timeline or len(components(scenario.ids, scenario.formation.edges)) > 1:
+        return []
+    instants = {some.tick * period_ns for some in roster.happenings()}
+    changes: list[tuple[int, tuple[int, int], bool]] = []  # when, on which link, whether it cuts
+    for link in scenario.directed_links:
+        for at_ns, action in effects(scenario.timeline, *link, scenario.ids):
+            if isinstance(action, Cut | Heal):
+                changes.append((at_ns, link, isinstance(action, Cut)))
+                instants.add(at_ns)
+    changes.sort(key=lambda change: change[0])  # of one link, those at once in the file's order
+    cut: set[tuple[int, int]] = set()
+    since_ns, groups, done = 0, [[0]], 0
+    for now_ns in sorted(instant for instant in instants if instant <= end_ns):
+        while done < len(changes) and changes[done][0] <= now_ns:
+            _, link, cuts = changes[done]
+            (cut.add if cuts else cut.discard)(link)
+            done += 1
+        up = [robot for robot in scenario.ids if roster.up(robot, now_ns // period_ns)]
+        before = len(groups)
+        groups = components(up, [
+            (a, b) for a, b in scenario.formation.edges
+            if a in up and b in up and cut.isdisjoint(((a, b), (b, a)))
+        ])  # fmt: skip
+        if len(groups) > 1 and before < 2:
+            since_ns = now_ns
+    if len(groups) < 2:
+        return []
+    return [
+        f"from {since_ns / 1e9:g} s on, the robots that are up do not all hear of each other; at "
+        f"the end they fall into {_in_braces(groups)}"
+    ]
+
+
+def _in_braces(groups: list[list[int]]) -> str:
+    return ", ".join("{" + ", ".join(map(str, group)) + "}" for group in groups)
+
+
+def _imperfect_link(scenario: Scenario) -> list[str]:
+    for source, destination in scenario.directed_links:
+        settings = scenario.link_settings(source, destination)
+        place = f"the link from {source} to {destination}"
+        if settings.constant_ns is None:
+            return [f"the delay on {place} is not constant"]
+        if not settings.lossless:
+            return [f"{place} loses messages"]
+    return []
+
+
+def outside_model(scenario: Scenario) -> list[str]:
+    fields = (
+        "wheel_torque_limit_nm", "linear_friction_nspm", "angular_friction_nmsprad",
+        "disturbance_force_n", "disturbance_torque_nm",
+    )  # fmt: skip
+    names = [
+        field for field in fields
+        if any(getattr(vehicle, field) for vehicle in scenario.vehicles.values())
+    ]  # fmt: skip
+    gaps = [f"{name} is not part of Eq. 7's model" for name in names]
+    inexact = [
+        r for r in scenario.ids if scenario.vehicles[r].estimate() != scenario.vehicles[r].truth()
+    ]
+    if inexact and not scenario.law.robust:
+        gaps.append(f"the estimates of robot {inexact[0]} are wrong and law.robust is off")
+    return gaps
+
+
+def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
+    delayed = any(
+        scenario.link_settings(*link).constant_ns != 0 for link in scenario.directed_links
+    )
+    kinematic = scenario.law.level == "kinematic"
+    theorem = (5 if kinematic else 6) if delayed else (1 if kinematic else 3) + damped
+    reasons = [
+        f"{scenario.law.level} level",
+        "constant delays" if delayed else "no delays",
+        "some μ > 0" if damped else "all μ = 0",
+        "connected graph",
+        "persistent w1",
+    ]
+    return theorem, f"Theorem {theorem}: " + ", ".join(reasons)
+
+
+def _expectation_warnings(
+    scenario: Scenario, theorem: int | None, claims: dict[str, bool], gaps: list[str],
+    apart: list[str], *, beyond: bool,
+) -> list[str]:  # fmt: skip
+    expect = scenario.expect
+    if expect is None:
+        return []
+    warnings = []
+    damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
+    if expect.centroid and not damped:
+        warnings.append(
+            "expect.centroid = true, but no robot has positive damping (Theorem 2 asks for Σμ > 0)"
+        )
+    stated = {claim: getattr(expect, claim) for claim in CLAIMS}
+    warnings += _not_coming_about(scenario, apart)
+    if beyond and any(stated.values()):
+        warnings.append(
+            "[expect] claims what no theorem covers" + (f": {'; '.join(gaps)}" if gaps else "")
+        )
+    elif theorem is not None:
+        warnings += [
+            f"expect.{claim} = true, but Theorem {theorem} does not claim it"
+            if value
+            else f"expect.{claim} = false contradicts Theorem {theorem}"
+            for claim, value in stated.items()
+            if value is not None
+            and value != claims[claim]
+            and not (claim == "centroid" and value and not damped)
+        ]
+    return warnings

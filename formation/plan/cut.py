@@ -1,0 +1,53 @@
+"""``cut`` and ``heal``: links that carry nothing for a while."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field
+
+from formnet.formation.plan.selectors import LinkSelection
+from formnet.netem.files.tables import PositiveSeconds
+from formnet.netem.settings.actions import Cut, Heal
+from formnet.netem.settings.timeline import Action
+
+InFlight = Literal["kept", "lost"]
+"""What a cut does to messages that were sent before it and are due after it."""
+
+
+class CutAction(LinkSelection):
+    """``action = "cut"``: what is sent from then on is lost, until a ``heal``."""
+
+    action: Literal["cut"] = Field(
+        description="Links lose what is sent from then on, until a heal."
+    )
+    in_flight: InFlight = Field(
+        default="kept",
+        description="What becomes of messages that were sent before and are due after.",
+    )
+    heal_after_s: PositiveSeconds | None = Field(
+        default=None, description="Heals the same links that much later."
+    )
+
+    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
+        """What it does to one link."""
+        if not self.covers(source, destination):
+            return None
+        return Cut(lose_in_flight=self.in_flight == "lost")
+
+    def describe(self) -> str:
+        """In words."""
+        return f"cut {self.links_in_words}, in flight {self.in_flight}"
+
+
+class HealAction(LinkSelection):
+    """``action = "heal"``: cut links carry what is sent from then on; by default all links."""
+
+    action: Literal["heal"] = Field(description="Cut links carry again what is sent from then on.")
+
+    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
+        """What it does to one link."""
+        return Heal() if self.covers(source, destination) else None
+
+    def describe(self) -> str:
+        """In words."""
+        return f"heal {self.links_in_words}"

@@ -1,0 +1,1 @@
+"""The scenario: its format, its rules, how it is read."""

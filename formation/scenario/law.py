@@ -1,0 +1,93 @@
+"""``[law]``: which control law, and its parameters."""
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from formnet.netem.files.tables import NonNegative, Positive, Table
+
+
+class W1(Table):
+    """``law.w1``: the excitation w1(t) = bias + amplitude · sin(frequency · t)."""
+
+    bias: float = Field(
+        default=0.5, description="The constant part.", json_schema_extra={"unit": "rad/s"}
+    )
+    amplitude: float = Field(
+        default=0.0, description="Of the sine.", json_schema_extra={"unit": "rad/s"}
+    )
+    frequency_radps: NonNegative = Field(default=0.0, description="Of the sine.")
+
+
+class LawSettings(Table):
+    """``[law]``: the control law and its parameters, named as in the paper."""
+
+    kind: str = Field(
+        default="cooperative",
+        description=(
+            '"cooperative", "leader_follower", or the name of an installed plug-in (`formnet '
+            "laws`)."
+        ),
+    )
+    level: Literal["kinematic", "dynamic"] = Field(
+        default="dynamic",
+        description="Robots that take velocities (Theorems 1, 2, 5) or torques (3, 4, 6).",
+    )
+    beta: Positive = Field(
+        default=10.0,
+        description="β: couples sideways errors into the turning.",
+        json_schema_extra={"unit": "s"},
+    )
+    w1: W1 = Field(
+        default=W1(),
+        description=(
+            "The excitation, by which the headings turn for ever; zero breaks Assumption 2."
+        ),
+    )
+    feedback_gain: Positive = Field(
+        default=10.0,
+        description="K: how fast velocities follow what the law wants.",
+        json_schema_extra={"unit": "1/s"},
+    )
+    feedback_shape: Literal["identity", "inertia"] = Field(
+        default="inertia",
+        description=(
+            "K as the printed identity, or shaped by the estimated inertia: then feedback_gain is "
+            "a rate."
+        ),
+    )
+    robust: bool = Field(
+        default=True, description="Whether Eq. 31's term against wrong estimates is on."
+    )
+    gamma: Positive = Field(
+        default=0.1,
+        description="γ: the boundary layer shrinks as exp(−γ t).",
+        json_schema_extra={"unit": "1/s"},
+    )
+    boundary_layer: Positive = Field(
+        default=1.0,
+        description="ε: where Eq. 31's robust term stops being a switch; in the law's own units.",
+    )
+    length_scale_m: Positive = Field(
+        default=1.0,
+        description=(
+            "ℓ: positions are measured in units of so many metres; about how far the robots start "
+            "from their places."
+        ),
+    )
+    delta: Literal["corrected", "printed"] = Field(
+        default="corrected",
+        description=(
+            "The sign of Δ in Eq. 19: as the proofs need it, or as it is printed (and diverges)."
+        ),
+    )
+    cross_term: Literal["printed", "compensated"] = Field(
+        default="printed",
+        description=(
+            "Leave w1 z2 z3 in, as printed, or cancel it: then V never rises, but centroids come "
+            "home in Theorems 1 and 3, too."
+        ),
+    )
+    parameters: dict[str, Any] = Field(
+        default={}, description="The settings of a law that is not the built-in one."
+    )

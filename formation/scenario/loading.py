@@ -1,0 +1,202 @@
+"""Reading scenarios: TOML in, a validated :class:`Scenario` or every problem found out.
+
+All problems of a file are reported together. To check what refers to what even
+when some values are bad, each bad value is noted and then replaced by a good
+one, so that the whole can still be built.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import ValidationError
+
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.scenario.rules import broken_rules
+from formnet.netem.files.problems import Place, Problem, problems, shown
+from formnet.netem.files.toml import parse_toml, parse_value, read_toml
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be run; ``problems`` holds everything found."""
+
+    def __init__(self, file: str, problems: Sequence[Problem]) -> None:
+        self.file = file
+        self.problems = list(problems)
+        super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
+
+
+def load(path: Path, overrides: Iterable[str] = ()) -> Scenario:
+    """Read, override and validate a scenario file.
+
+    ``overrides`` are ``key.path=value`` texts, the value in TOML syntax (a bare
+    word is taken as a string); robots are addressed by id: ``robots.3.damping=1``.
+
+    Raises:
+        ScenarioError: with every problem, or the one that stopped the reading.
+    """
+    try:
+        data = read_toml(path)
+    except ValueError as error:
+        raise _failure(str(path), str(error)) from None
+    return _built(data, str(path), overrides, path.parent)
+
+
+def loads(
+    text: str,
+    file: str = "scenario",
+    overrides: Iterable[str] = (),
+    folder: Path | None = None,
+) -> Scenario:
+    """:func:`load` from text; ``file`` is what errors call it.
+
+    Without ``folder``, to which the files that a scenario names are relative,
+    it must name none: a scenario that came over the bus reads nothing here.
+    """
+    try:
+        data = parse_toml(text)
+    except ValueError as error:
+        raise _failure(file, str(error)) from None
+    return _built(data, file, overrides, folder)
+
+
+def _built(
+    data: dict[str, Any], file: str, overrides: Iterable[str], folder: Path | None
+) -> Scenario:
+    bad = [problem for text in overrides if (problem := _override(data, text))]
+    scenario, found = _validate(data, folder)
+    bad += found
+    if scenario is not None:
+        places = tuple(problem.place for problem in bad)
+        bad += [
+            problem
+            for problem in broken_rules(scenario)
+            if not any(place.startswith(problem.place) for place in places)  # a stand-in's fault
+        ]
+    if bad or scenario is None:
+        raise ScenarioError(file, bad)
+    return scenario
+
+
+def dumps(scenario: Scenario) -> str:
+    """The scenario as TOML, every default written out; loading it gives an equal scenario."""
+    return tomli_w.dumps(scenario.model_dump(mode="json", by_alias=True, exclude_none=True))
+
+
+def _failure(file: str, rule: str) -> ScenarioError:
+    return ScenarioError(file, [Problem("", None, rule)])
+
+
+# --- overrides -----------------------------------------------------------------------
+
+
+def _override(data: dict[str, Any], text: str) -> Problem | None:
+    """Apply one ``key.path=value``; returns what is wrong with it, if anything."""
+    path, equals, raw = text.partition("=")
+    keys = path.strip().split(".")
+    if not equals or not all(keys):
+        return Problem(f"--set {text}", None, "must read key.path=value, such as law.beta=5")
+    try:
+        value = parse_value(raw)
+    except ValueError as error:
+        return Problem(f"--set {path.strip()}", shown(raw), str(error))
+    here: Any = data
+    for depth, key in enumerate(keys):
+        last = depth == len(keys) - 1
+        place = ".".join(keys[: depth + 1])
+        if isinstance(here, list):
+            known = _keys_of(here)
+            if not key.isdigit() or int(key) not in known:
+                rule = f"there is no {key!r} in this list (there: {', '.join(map(str, known))})"
+                return Problem(f"--set {place}", None, rule)
+            index = known.index(int(key))
+            if last:
+                here[index] = value
+            else:
+                here = here[index]
+        elif isinstance(here, dict):
+            if last:
+                here[key] = value
+            else:
+                here = here.setdefault(key, {})
+        else:
+            return Problem(f"--set {place}", None, f"{'.'.join(keys[:depth])} is not a table")
+    return None
+
+
+def _keys_of(items: list[Any]) -> list[Any]:
+    """By what the items of a list are addressed: their ``id``, or else their numbers from 0."""
+    if any(isinstance(item, dict) and "id" in item for item in items):
+        return [item.get("id") if isinstance(item, dict) else None for item in items]
+    return list(range(len(items)))
+
+
+# --- validation ----------------------------------------------------------------------
+
+
+def _validate(data: dict[str, Any], folder: Path | None) -> tuple[Scenario | None, list[Problem]]:
+    """Build the scenario and say what is wrong with it.
+
+    If something is, a copy is mended place by place until it can be built, so
+    that the rules between values can be checked too. None if that fails.
+    """
+    context = {} if folder is None else {"folder": folder}
+    try:
+        return Scenario.model_validate(data, context=context), []
+    except ValidationError as error:
+        errors = error.errors()
+        found = [_with_id(data, problem) for problem in problems(Scenario, data, error)]
+    data = deepcopy(data)
+    for _ in range(5):  # a place inside a mended place may need another round
+        for item in errors:
+            _mend(data, item["loc"], missing=item["type"] == "missing")
+        try:
+            return Scenario.model_validate(data, context=context), found
+        except ValidationError as error:
+            errors = error.errors()
+    return None, found
+
+
+def _with_id(data: dict[str, Any], problem: Problem) -> Problem:
+    """A problem of ``robots[2]``, which counts from 0, says the robot's id, too."""
+    found = re.match(r"robots\[(\d+)\]", problem.place)
+    robot = data["robots"][int(found[1])] if found else None
+    if not isinstance(robot, dict) or "id" not in robot:
+        return problem
+    return problem._replace(rule=f"{problem.rule} (robot {shown(robot['id'])})")
+
+
+_STAND_INS: dict[str, Any] = {
+    "name": "unnamed", "duration_s": 1.0, "formation": {"edges": []}, "edges": [],
+    "offset_m": [0.0, 0.0], "start": {"x_m": 0.0, "y_m": 0.0}, "x_m": 0.0, "y_m": 0.0,
+}  # fmt: skip
+"""Valid values for required keys; a robot's id has none, and without it nothing refers well."""
+
+
+def _mend(data: Any, loc: Place, *, missing: bool) -> None:
+    """Put something valid at ``loc``, or take away what stands there."""
+    table, key = None, ""  # the innermost table on the way, and the key in it
+    for part in loc:
+        if isinstance(data, dict) and isinstance(part, str):
+            if part not in data and not missing:
+                break  # a union's tag, or a place inside what was mended already
+            table, key = data, part
+            data = data.get(part)
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            if key != "edges" and not isinstance(data[part], dict):
+                break
+            if key == "edges":
+                data[part] = [0, 0]
+                return
+            data = data[part]
+        else:
+            break
+    if table is None:
+        return
+    if key in _STAND_INS:
+        table[key] = deepcopy(_STAND_INS[key])
+    else:
+        table.pop(key, None)

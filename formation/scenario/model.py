@@ -1,0 +1,140 @@
+"""The scenario: everything that defines a run, typed, validated and immutable.
+
+:class:`Scenario` puts the format's tables together; each kind of table has a module beside this
+one. Reading files, reporting errors and resolving overrides is
+:mod:`formation.scenario.loading`'s; what the theory says of a scenario is
+:mod:`formation.paper.theory`'s.
+"""
+
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from formnet.formation.plan.fault import spans_of
+from formnet.formation.plan.roster import Roster
+from formnet.formation.plan.timeline import PlanEntry, TimelineAction, effects, plan_of
+from formnet.formation.scenario.clock import Clock
+from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.failures import Plant, Run
+from formnet.formation.scenario.graph import Formation
+from formnet.formation.scenario.hosts import Hosts
+from formnet.formation.scenario.law import LawSettings
+from formnet.formation.scenario.network import Neighbours, Network
+from formnet.formation.scenario.robots import RobotTable, Vehicle
+from formnet.formation.wire.state import State
+from formnet.netem.core.link import Link
+from formnet.netem.files.tables import LongSeconds, Table, nanoseconds
+from formnet.netem.settings.links import LinkSettings
+from formnet.netem.settings.timeline import Timeline
+
+
+class Scenario(Table):
+    """One run, from a TOML file."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)] = Field(
+        description="What the run and its folder are called."
+    )
+    description: str = Field(default="", description="For people.")
+    seed: Annotated[int, Field(ge=0)] = Field(
+        default=1, description="All that is random is drawn by it."
+    )
+    duration_s: LongSeconds = Field(
+        description="How long the run is; a multiple of clock.control_period_s."
+    )
+    clock: Clock = Clock()
+    formation: Formation
+    law: LawSettings = LawSettings()
+    network: Network = Network()
+    neighbours: Neighbours = Neighbours()
+    plant: Plant = Plant()
+    run: Run = Run()
+    robot_defaults: Vehicle = Vehicle()
+    timeline: list[TimelineAction] = Field(
+        default=[], description="What happens in the run, and when."
+    )
+    robots: Annotated[list[RobotTable], Field(min_length=1)] = Field(description="Who takes part.")
+    expect: Expect | None = None
+    hosts: Hosts | None = None
+
+    @property
+    def without_hosts(self) -> "Scenario":
+        """The experiment alone, as others get it: machines are no part of it."""
+        return self.model_copy(update={"hosts": None})
+
+    @property
+    def ids(self) -> list[int]:
+        """Robot ids in the order of the file; every array of a run has this order."""
+        return [robot.id for robot in self.robots]
+
+    @property
+    def ticks(self) -> int:
+        """Control periods in the run; the run samples ticks 0 to ``ticks``, both included."""
+        return nanoseconds(self.duration_s) // self.clock.control_period_ns
+
+    @cached_property
+    def vehicles(self) -> dict[int, Vehicle]:
+        """Every robot's resolved parameters."""
+        return {robot.id: robot.vehicle(self.robot_defaults) for robot in self.robots}
+
+    @cached_property
+    def neighbours_of(self) -> dict[int, list[int]]:
+        """𝒩_j of every robot, ascending."""
+        table: dict[int, set[int]] = {robot: set() for robot in self.ids}
+        for first, second in self.formation.edges:
+            table[first].add(second)
+            table[second].add(first)
+        return {robot: sorted(others) for robot, others in table.items()}
+
+    @property
+    def directed_links(self) -> list[tuple[int, int]]:
+        """Every (source, destination) that carries broadcasts, ascending."""
+        return sorted((i, j) for j, others in self.neighbours_of.items() for i in others)
+
+    def link_settings(self, source: int, destination: int) -> LinkSettings:
+        """One directed link's settings at the beginning."""
+        settings = self.network.settings(source, destination)
+        playout_s = self.neighbours.playout_s
+        if self.neighbours.playout == "fixed" and playout_s is not None and not settings.playout_s:
+            settings = settings.model_copy(update={"playout_s": playout_s})
+        return settings
+
+    def link(self, source: int, destination: int, life: int = 0) -> Link:
+        """One directed link as it is at the beginning.
+
+        It stands at the receiver, so one that was restarted ``life`` times has new ones.
+        """
+        name = f"{destination}, life {life}" if life else f"{destination}"
+        return self.link_settings(source, destination).link(
+            seed=self.seed, source=source, destination=name
+        )
+
+    def roster(self) -> Roster:
+        """Who is down when, as planned. Raises FaultError."""
+        return Roster(
+            spans_of(enumerate(self.timeline), self.ids, self.seed, self.clock.control_period_ns)
+        )
+
+    def timeline_of(self, source: int, destination: int, link: Link | None = None) -> Timeline:
+        """What happens to one directed link; it keeps ``link`` to it, if there is one."""
+        settings = self.link_settings(source, destination)
+        return Timeline(settings, effects(self.timeline, source, destination, self.ids), link)
+
+    @property
+    def plan(self) -> list[PlanEntry]:
+        """What happens in the run, and when."""
+        happenings = self.roster().happenings()
+        period_ns = self.clock.control_period_ns
+        return plan_of(self.timeline, self.directed_links, self.ids, happenings, period_ns)
+
+    @property
+    def offsets_m(self) -> NDArray[np.float64]:
+        """The pattern (p_x, p_y), shape (n_robots, 2)."""
+        return np.array([robot.offset_m for robot in self.robots])
+
+    def start_state(self, robot: int) -> State:
+        """Pose at t = 0, at rest."""
+        start = next(r.start for r in self.robots if r.id == robot)
+        return State(start.x_m, start.y_m, start.heading_rad, 0.0, 0.0)

@@ -1,0 +1,79 @@
+"""``[network]`` and ``[neighbours]``: the links, and what a robot does with what they deliver."""
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from formnet.formation.plan.selectors import Robots, pair_covers
+from formnet.netem.files.tables import STRICT, PositiveSeconds, Table
+from formnet.netem.settings.links import LinkOverrides, LinkSettings
+
+
+class LinkRule(LinkOverrides):
+    """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``.
+
+    What is not named stays as it is; a ``delay`` or ``loss`` that names its kind is a new one.
+    """
+
+    model_config = ConfigDict(**STRICT, validate_by_name=True)
+    sources: Robots = Field(
+        alias="from", description='The senders: an id, a list of ids, or "*" for all.'
+    )
+    destinations: Robots = Field(alias="to", description="The receivers, likewise.")
+    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
+
+    def covers(self, source: int, destination: int) -> bool:
+        """Whether the rule is about the link from ``source`` to ``destination``."""
+        pair = (self.sources, self.destinations)
+        return pair_covers(pair, source, destination, both_ways=self.both_ways)
+
+
+class Network(Table):
+    """``[network]``: the default of every directed link, and overrides; later ones win."""
+
+    default: LinkSettings = Field(
+        default=LinkSettings(), description="What every directed link begins with."
+    )
+    links: list[LinkRule] = Field(default=[], description="Changes for some links; later ones win.")
+
+    def settings(self, source: int, destination: int) -> LinkSettings:
+        """The settings of the link from ``source`` to ``destination``."""
+        settings = self.default
+        for rule in self.links:
+            if rule.covers(source, destination):
+                settings = settings.changed(rule)
+        return settings
+
+
+class Neighbours(Table):
+    """``[neighbours]``: what a robot does with what it hears."""
+
+    on_silence: Literal["hold", "drop"] = Field(
+        default="drop",
+        description=(
+            "Hold the last state of a neighbour who says nothing, or drop it from the law's sums "
+            "until it is heard again."
+        ),
+    )
+    silence_s: PositiveSeconds = Field(
+        default=0.5,
+        description=(
+            "Silent is from whom nothing usable came for longer than this, by the own clock."
+        ),
+    )
+    playout: Literal["latest", "fixed"] = Field(
+        default="latest",
+        description="Use a message as it comes, or hold each until playout_s after its stamp.",
+    )
+    playout_s: PositiveSeconds | None = Field(
+        default=None,
+        description=(
+            'For "fixed": random delay becomes this constant one, and what comes later is lost.'
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _needs_a_time(self) -> "Neighbours":
+        if self.playout == "fixed" and self.playout_s is None:
+            raise ValueError('playout = "fixed" needs playout_s')
+        return self

@@ -1,0 +1,201 @@
+"""The rules between a scenario's values: what refers to what, and what must fit together."""
+
+from collections.abc import Iterable, Iterator
+
+from formnet.formation.plan.fault import FaultAction, FaultError, spans_of
+from formnet.formation.plan.selectors import named
+from formnet.formation.scenario.clock import Clock
+from formnet.formation.scenario.model import Scenario
+from formnet.netem.files.problems import Problem
+from formnet.netem.files.tables import nanoseconds
+from formnet.netem.settings.links import SettingError
+from formnet.netem.settings.timeline import NEVER
+
+
+def broken_rules(scenario: Scenario) -> list[Problem]:
+    """Every rule that the values of a scenario break together."""
+    found = [
+        *_check_clock(scenario),
+        *_check_silence(scenario),
+        *_check_robots(scenario),
+        *_check_edges(scenario),
+        *_check_coupling(scenario),
+        *_check_selectors(scenario),
+        *_check_faults(scenario),
+        *_check_window(scenario),
+        *_check_hosts(scenario),
+    ]
+    if not found:  # which links there are is clear
+        found = [*_check_links(scenario)] or [*_check_timeline(scenario)]
+    return found
+
+
+def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
+    for host in scenario.hosts.hosts if scenario.hosts is not None else ():
+        for robot in host.robots:
+            if robot not in scenario.ids:
+                yield Problem(
+                    f"hosts.{host.name}.robots", str(robot),
+                    f"robot {robot} does not exist (robots: {', '.join(map(str, scenario.ids))})",
+                )  # fmt: skip
+
+
+def _check_clock(scenario: Scenario) -> Iterator[Problem]:
+    clock = scenario.clock
+    yield from _check_multiple(
+        "clock.broadcast_period_s", clock.broadcast_period_s, "control_period_s", clock
+    )
+    yield from _check_multiple("duration_s", scenario.duration_s, "clock.control_period_s", clock)
+
+
+def _check_multiple(place: str, value_s: float, name: str, clock: Clock) -> Iterator[Problem]:
+    """``value_s`` must be whole control periods, both as whole nanoseconds."""
+    value_ns, period_ns = nanoseconds(value_s), clock.control_period_ns
+    periods, rest_ns = divmod(value_ns, period_ns)
+    if not rest_ns:
+        return
+    near = [
+        str(near_s)
+        for count in (periods, periods + 1)
+        if count and nanoseconds(near_s := count * period_ns / 1e9) == count * period_ns
+    ]
+    yield Problem(
+        place, str(value_s),
+        f"must be a multiple of {name} = {clock.control_period_s}: times are whole nanoseconds, "
+        f"and {value_ns} ns is no multiple of {period_ns} ns"
+        + (f" (nearest: {' or '.join(near)})" if near else ""),
+    )  # fmt: skip
+
+
+def _check_silence(scenario: Scenario) -> Iterator[Problem]:
+    neighbours, period_s = scenario.neighbours, scenario.clock.broadcast_period_s
+    if neighbours.on_silence == "drop" and neighbours.silence_s < period_s:
+        yield Problem(
+            "neighbours.silence_s",
+            str(neighbours.silence_s),
+            f"must be at least clock.broadcast_period_s = {period_s}: nobody is heard more often",
+        )
+
+
+def _check_robots(scenario: Scenario) -> Iterator[Problem]:
+    first: dict[int, int] = {}
+    for index, robot in enumerate(scenario.robots):
+        if robot.id in first:
+            yield Problem(
+                f"robots[{index}].id", str(robot.id), f"already used by robots[{first[robot.id]}]"
+            )
+        first.setdefault(robot.id, index)
+
+
+def _check_edges(scenario: Scenario) -> Iterator[Problem]:
+    seen: dict[tuple[int, int], int] = {}
+    for index, edge in enumerate(scenario.formation.edges):
+        place, value = f"formation.edges[{index}]", str(list(edge))
+        yield from _unknown_robots(scenario, place, edge)
+        key = (min(edge), max(edge))
+        if edge[0] == edge[1]:
+            yield Problem(place, value, "joins a robot to itself")
+        elif key in seen:
+            yield Problem(
+                place, value, f"repeats formation.edges[{seen[key]}]; edges have no direction"
+            )
+        seen.setdefault(key, index)
+
+
+def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
+    coupling = scenario.formation.coupling
+    if not isinstance(coupling, dict):
+        return
+    names = {f"{a}-{b}" for edge in scenario.formation.edges for a, b in (edge, edge[::-1])}
+    for name, weight in coupling.items():
+        if name not in names:
+            yield Problem(
+                f'formation.coupling."{name}"', str(weight), "names no edge of formation.edges"
+            )
+    for first, second in scenario.formation.edges:
+        here = [n for n in (f"{first}-{second}", f"{second}-{first}") if n in coupling]
+        if len(here) != 1:
+            yield Problem(
+                f'formation.coupling."{first}-{second}"',
+                None,
+                "is required: a table needs one weight for every edge"
+                if not here
+                else f'given twice (also as "{second}-{first}"); b_ji = b_ij is one number',
+            )
+
+
+def _check_selectors(scenario: Scenario) -> Iterator[Problem]:
+    for index, rule in enumerate(scenario.network.links):
+        place = f"network.links[{index}]"
+        yield from _unknown_robots(scenario, f"{place}.from", named(rule.sources))
+        yield from _unknown_robots(scenario, f"{place}.to", named(rule.destinations))
+    for index, action in enumerate(scenario.timeline):
+        yield from _unknown_robots(scenario, f"timeline[{index}]", action.named_robots())
+
+
+def _check_links(scenario: Scenario) -> Iterator[Problem]:
+    for source, destination in scenario.directed_links:
+        settings = scenario.network.default
+        for index, rule in enumerate(scenario.network.links):
+            if not rule.covers(source, destination):
+                continue
+            try:
+                settings = settings.changed(rule)
+            except SettingError as error:
+                yield _on_link(f"network.links[{index}]", error.problem, source, destination)
+                return
+
+
+def _check_faults(scenario: Scenario) -> Iterator[Problem]:
+    period_ns = max(1, scenario.clock.control_period_ns)
+    known = [
+        (k, action) for k, action in enumerate(scenario.timeline)
+        if isinstance(action, FaultAction) and set(scenario.ids).issuperset(action.named_robots())
+    ]  # fmt: skip
+    try:
+        spans_of(known, scenario.ids, scenario.seed, period_ns)
+    except FaultError as error:
+        for index, why in error.problems.items():
+            yield Problem(f"timeline[{index}]", None, why)
+
+
+def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
+    links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
+    for index, entry in links:
+        if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
+            yield Problem(f"timeline[{index}]", None, "concerns no link of formation.edges")
+    for source, destination in scenario.directed_links:
+        timeline = scenario.timeline_of(source, destination)
+        try:
+            while timeline.next_ns < NEVER:
+                timeline.advance(timeline.next_ns)
+        except SettingError as error:
+            index = next(
+                k
+                for k, entry in links
+                if entry.effect(source, destination, scenario.ids) == error.cause
+            )
+            yield _on_link(f"timeline[{index}]", error.problem, source, destination)
+            return
+
+
+def _on_link(place: str, problem: Problem, source: int, destination: int) -> Problem:
+    rule = f"{problem.rule} (on the link from {source} to {destination})"
+    return Problem(f"{place}.{problem.place}", problem.value, rule)
+
+
+def _check_window(scenario: Scenario) -> Iterator[Problem]:
+    window = scenario.expect.window_s if scenario.expect else None
+    if window is not None and window > scenario.duration_s:
+        yield Problem(
+            "expect.window_s", str(window), f"must not exceed duration_s = {scenario.duration_s}"
+        )
+
+
+def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> Iterator[Problem]:
+    ids = sorted(set(scenario.ids))
+    for robot in dict.fromkeys(robots):
+        if robot not in ids:
+            yield Problem(
+                place, None, f"robot {robot} does not exist (robots: {', '.join(map(str, ids))})"
+            )

@@ -1,0 +1,1 @@
+"""What robots and plant say to each other, and over what."""

@@ -1,0 +1,210 @@
+"""Zenoh as this project uses it: keys of a run, and sessions that stay where they should.
+
+Sessions find each other by the endpoints they are given, never by multicast or
+gossip, and only on loopback. The plant's session is the hub (a full Zenoh
+router inside its process); everybody else is its client.
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from ipaddress import ip_address
+from typing import Any
+
+from formnet.formation.wire import threads  # noqa: F401 (first: Zenoh reads what it sets, when it is loaded)
+
+# isort: split
+import zenoh
+from mypy_extensions import mypyc_attr
+
+from formnet.formation.wire.message_error import MessageError
+from formnet.formation.wire.messages import Message, decode
+from formnet.formation.wire.security import Credentials, access_control
+
+LOOPBACK = "127.0.0.1"
+LONG_LEASE_S = 3600.0
+"""On one machine a process that is stopped must not count as gone; the plant has its patience."""
+LEASE_S = 2.0
+"""A machine that has said nothing for so long is gone, and whoever sends to it is not held up."""
+
+
+@mypyc_attr(native_class=False)
+class BusError(RuntimeError):
+    """A session cannot be opened; the text says which endpoint and why."""
+
+
+class Keys:
+    """The key expressions of one run: ``formnet/<run>/...``."""
+
+    def __init__(self, run: str) -> None:
+        self._prefix = f"formnet/{run}"
+        self.from_robots = f"{self._prefix}/from-robot/*"
+        self.broadcasts = f"{self._prefix}/broadcast/*"
+        self.robots_alive = f"{self._prefix}/alive/robot/*"
+        self.watch = f"{self._prefix}/watch"
+        self.history = f"{self._prefix}/history"
+        self.plant_alive = f"{self._prefix}/alive/plant"
+
+    def to_robot(self, robot: int) -> str:
+        """What the plant tells ``robot``."""
+        return f"{self._prefix}/to-robot/{robot}"
+
+    def from_robot(self, robot: int) -> str:
+        """What ``robot`` tells the plant."""
+        return f"{self._prefix}/from-robot/{robot}"
+
+    def broadcast(self, robot: int) -> str:
+        """What ``robot`` tells its neighbours."""
+        return f"{self._prefix}/broadcast/{robot}"
+
+    def robot_alive(self, robot: int) -> str:
+        """The liveliness token of ``robot``."""
+        return f"{self._prefix}/alive/robot/{robot}"
+
+
+def last_number(key: object) -> int:
+    """The robot id at the end of a key."""
+    return int(str(key).rpartition("/")[2])
+
+
+@contextmanager
+def session(
+    *,
+    connect: str | None = None,
+    listen: str | None = None,
+    credentials: Credentials | None = None,
+    robots: Iterable[int] = (),
+    plaintext: bool = False,
+    patience_s: float = 10.0,
+    lease_s: float = LONG_LEASE_S,
+    batching: bool = False,
+) -> Iterator[zenoh.Session]:
+    """An open session, closed at the end (an unclosed one hangs the interpreter's exit).
+
+    With ``credentials`` it speaks mutual TLS (endpoints ``tls/...``), and one that listens lets
+    ``robots`` and a monitor do no more than :func:`formation.wire.security.access_control` says.
+    Off loopback that is required, unless ``plaintext`` is explicit.
+
+    The other end takes this one for gone once it has said nothing for ``lease_s``. With
+    ``batching``, as with a short lease, Zenoh puts a queue between it and the socket: what may be
+    dropped is, where this end does not keep up, and the other is not held up. (A lease that ends
+    closes the connection, which holds it up for ten seconds on a single thread.)
+
+    Raises:
+        BusError: an endpoint is not allowed, is taken, or nobody answers there within
+            ``patience_s`` (which is what a refused certificate looks like).
+    """
+    for endpoint in filter(None, (connect, listen)):
+        check_endpoint(endpoint, secure=credentials is not None, plaintext=plaintext)
+    config: dict[str, Any] = {
+        "mode": "router" if listen else "client",
+        "listen": {"endpoints": [listen] if listen else []},
+        "connect": {
+            "endpoints": [connect] if connect else [],
+            "timeout_ms": round(1000 * patience_s),
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 1.5},
+        },
+        "scouting": {
+            "delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False},
+        },
+        # One class of traffic and no batching layer: halves the cost of a lockstep tick. But
+        # without that layer, whoever sends to a machine that is gone stands still.
+        "transport": {
+            "unicast": {
+                "lowlatency": lease_s >= LONG_LEASE_S and not batching, "qos": {"enabled": False},
+            },
+            # Where there is a batching layer, room for a burst at the end of a run.
+            "link": {"tx": {"lease": round(1000 * lease_s), "queue": {"size": {"data": 16}}}},
+            "shared_memory": {"enabled": False},
+        },
+    }  # fmt: skip
+    if credentials is not None:
+        config["transport"]["link"]["tls"] = credentials.tls(listening=listen is not None)
+        if listen:
+            config["access_control"] = access_control(robots)
+    try:
+        opened = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+    except zenoh.ZError as error:
+        what = f"listen on {listen}" if listen else f"reach {connect}"
+        hint = ""
+        if credentials is not None and connect:
+            hint = " (or it refuses this certificate, or is not of this authority)"
+        reason = re.sub(r"\s+at \S+\.rs:\d+", "", str(error))  # Zenoh says where in its source
+        if connect and "Timeout" in reason:
+            reason = f"nobody answered for {patience_s:g} s"
+        raise BusError(f"cannot {what}: {reason}{hint}") from None
+    try:
+        yield opened
+    finally:
+        opened.close()  # type: ignore[no-untyped-call]
+
+
+def publisher(
+    opened: zenoh.Session, key: str, *, blocking: bool = True, hurried: bool = True
+) -> zenoh.Publisher:
+    """A publisher that, where the network is full, blocks (or else drops).
+
+    It sends at once; if it is not ``hurried``, together with what follows soon.
+    """
+    control = zenoh.CongestionControl
+    return opened.declare_publisher(
+        key, express=hurried, congestion_control=control.BLOCK if blocking else control.DROP
+    )
+
+
+def on_robots_message(
+    opened: zenoh.Session,
+    keys: Keys,
+    robots: Iterable[int],
+    receive: Callable[[int, Message], None],
+    refuse: Callable[[int, str], None],
+) -> Any:
+    """Subscribe to what ``robots`` tell the plant: ``receive(robot, message)``, robot by its key.
+
+    What does not decode goes to ``refuse(robot, reason)``; what comes on the
+    key of no such robot is ignored. Both are called on the subscription's own
+    thread.
+    """
+    senders = {keys.from_robot(robot): robot for robot in robots}
+
+    def handle(sample: zenoh.Sample) -> None:
+        robot = senders.get(str(sample.key_expr))
+        if robot is None:
+            return
+        try:
+            message = decode(sample.payload.to_bytes())
+        except MessageError as error:
+            refuse(robot, str(error))
+        else:
+            receive(robot, message)
+
+    return opened.declare_subscriber(keys.from_robots, handle)
+
+
+def check_endpoint(endpoint: str, *, secure: bool, plaintext: bool) -> None:
+    """Whether a session may use ``endpoint``: with keys (``secure``) or without.
+
+    Raises:
+        BusError: it may not.
+    """
+    tls = endpoint.startswith("tls/")
+    if secure and not tls:
+        raise BusError(f"{endpoint}: with keys, an endpoint must be tls/HOST:PORT")
+    if not secure and tls:
+        raise BusError(f"{endpoint}: a tls endpoint needs keys (--keys DIR; `formnet keys init`)")
+    if not (tls or plaintext or on_loopback(endpoint)):
+        raise BusError(
+            f"{endpoint}: off loopback, messages are encrypted and authorised: give --keys DIR and "
+            "an endpoint tls/HOST:PORT (or --plaintext, on a network that you trust)"
+        )
+
+
+def on_loopback(endpoint: str) -> bool:
+    """Whether an endpoint such as ``tcp/127.0.0.1:7447`` is on this machine alone."""
+    address = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    try:
+        return address == "localhost" or ip_address(address).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,1 @@
+"""Formation control over imperfect networks: run it, break it, get a verdict."""

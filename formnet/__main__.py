@@ -1,0 +1,5 @@
+"""``python -m formnet``: the program ``formnet``."""
+
+from formnet.lab.program import main
+
+main()

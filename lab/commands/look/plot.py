@@ -1,0 +1,56 @@
+"""``formnet plot``: the figures of a recorded run, drawn again."""
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from formnet.formation.scenario.loading import ScenarioError
+from formnet.lab.commands.options import FOLDER, Command
+from formnet.lab.figures import run_figures as figures
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
+from formnet.lab.runs.exits import of as code_of
+from formnet.lab.runs.folders import filled
+from formnet.lab.runs.recorded import Unreadable, read_run
+from formnet.lab.text.problems import report_problems
+
+
+@click.command("plot", cls=Command)
+@FOLDER
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="New folder  [default: figures/ of the run]",
+)
+def command(folder: Path, out: Path | None) -> None:
+    """Draw a run's figures again, from its folder."""
+    sys.exit(plot_run(folder, out))
+
+
+def plot_run(folder: Path, out: Path | None) -> int:
+    """Draw into a new folder, or into the run's ``figures/``; the exit code of ``formnet plot``."""
+    console = Console(stderr=True, highlight=False)
+    try:
+        run = read_run(folder)
+        if not run.samples and not run.link_rows:
+            raise Unreadable("; ".join(["nothing to draw", *run.problems]))
+        place = out or folder / "figures"
+        with nullcontext() if out is None else filled(out, "graph.png"):
+            figures.draw(run, place)
+    except ScenarioError as error:
+        report_problems(console, error)
+        return BAD_INPUT
+    except Unreadable as error:
+        console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
+        return BAD_INPUT
+    except OSError as error:
+        console.print(f"[red]not drawn:[/] {escape(in_words(error))}", soft_wrap=True)
+        return code_of(error)
+    for problem in run.problems:
+        console.print(f"[yellow]without:[/] {escape(problem)}", soft_wrap=True)
+    console.print(f"everything is in {escape(str(place))}", soft_wrap=True)
+    return ALL_HOLD

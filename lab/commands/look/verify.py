@@ -1,0 +1,126 @@
+"""``formnet verify``: does a recorded run, run again, give the same bits?"""
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from formnet.formation.scenario.loading import ScenarioError
+from formnet.formation.wire.record import Record
+from formnet.lab.commands.options import RUNS, Command
+from formnet.lab.forecast.foresight import obstacle
+from formnet.lab.judge.repetition import (
+    before,
+    compared,
+    other_versions,
+    planned_until_ns,
+    what_happened,
+)
+from formnet.lab.launch.execution import execute
+from formnet.lab.launch.signals import stop_signals
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
+from formnet.lab.runs.recorded import Unreadable, read_whole
+from formnet.lab.runs.recording import Recording
+from formnet.lab.text.problems import report_problems, say_slow
+from formnet.lab.text.progress import Waits
+from formnet.netem.settings.timeline import NEVER
+
+
+@click.command("verify", cls=Command)
+@RUNS
+@click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
+def command(folders: tuple[Path, ...], distributed: bool) -> None:
+    """Run recorded runs again; compare every bit.
+
+    Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
+    2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
+    """
+    sys.exit(verify_runs(folders, inline=not distributed))
+
+
+def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
+    """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all."""
+    console = Console(highlight=False)
+    codes = []
+    with stop_signals() as stopped:
+        for folder in folders:
+            if stopped.is_set():
+                codes.append(INTERRUPTED)
+                break
+            try:
+                codes.append(_verify(console, folder, stopped.is_set, inline=inline))
+            except ScenarioError as error:
+                report_problems(console, error)
+                codes.append(BAD_INPUT)
+            except Unreadable as error:
+                console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}",
+                              soft_wrap=True)  # fmt: skip
+                codes.append(BAD_INPUT)
+    return max(codes)
+
+
+def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inline: bool) -> int:
+    recorded = read_whole(folder)
+    judged = recorded.verdict
+    assert judged is not None
+    problem = obstacle(recorded.scenario, partial(say_slow, console))
+    if problem is not None:
+        raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
+    if recorded.scenario.clock.mode == "realtime":
+        raise Unreadable('clock.mode = "realtime": a run in real time does not repeat to the bit; '
+                         "its virtual twin does (--set clock.mode=lockstep)")  # fmt: skip
+    until_ns = planned_until_ns(judged)
+    samples = before(recorded.samples, until_ns)
+    if not samples:
+        raise Unreadable("nothing to compare: no sample was recorded before something unplanned "
+                         "happened")  # fmt: skip
+    console.print(f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are run again "
+                  "…[/]", soft_wrap=True)  # fmt: skip
+    with TemporaryDirectory(prefix="formnet-verify-") as scratch:
+        again = Recording(Path(scratch) / "run", recorded.scenario)
+
+        waits = Waits(console)
+
+        def take(record: Record) -> None:
+            again(record)
+            waits.take(record)
+
+        outcome = execute(again, take, stopped, inline=inline, until_ns=until_ns)
+        again.close()
+    if stopped():
+        return INTERRUPTED
+    if again.now_ns() < samples[-1].t_ns:
+        console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
+                      + escape(outcome.reason), soft_wrap=True)  # fmt: skip
+        return BROKEN
+    found = compared(recorded, again, until_ns)
+    name = escape(str(folder))
+    if found.identical:
+        whole = until_ns == NEVER
+        extent = (
+            f": {len(samples)} samples, {len(recorded.link_rows)} messages" if whole else
+            f" up to t = {until_ns / 1e9:g} s, where {what_happened(judged, until_ns)}: "
+            f"{len(samples)} of {len(recorded.samples)} samples"
+        )  # fmt: skip
+        console.print(f"{name}: [green]identical[/]{extent}", soft_wrap=True)
+        if whole:
+            console.print(f"  sha256 {judged['trajectory_sha256']}", soft_wrap=True)
+        return ALL_HOLD
+    console.print(f"{name}: [red]differs[/]", soft_wrap=True)
+    if not found.sealed:
+        console.print("  states.parquet is not what verdict.json has the SHA-256 of: it was "
+                      "changed after the run", soft_wrap=True)  # fmt: skip
+    if found.first is not None:
+        console.print(f"  first at {escape(str(found.first))} (recorded, and again)",
+                      soft_wrap=True)  # fmt: skip
+    if found.motion is not None:
+        console.print(f"  motion, {escape(found.motion)} (recorded, and again)", soft_wrap=True)
+    if found.first is not None or found.motion is not None:
+        for line in other_versions(judged):
+            console.print(f"  {escape(line)}", soft_wrap=True)
+    return ONE_FAILS

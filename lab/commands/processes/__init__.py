@@ -1,0 +1,1 @@
+"""Commands that ``formnet run`` starts: the processes of a run."""

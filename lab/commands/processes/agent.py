@@ -1,0 +1,63 @@
+"""``formnet agent``: the process of one robot.
+
+Zenoh is imported once it is known how many threads it may have.
+"""
+
+import sys
+from pathlib import Path
+
+import click
+
+from formnet.formation.wire import threads
+from formnet.lab.commands.options import (
+    KEYS,
+    LEASE,
+    LEASH,
+    LONGEST_LEASE_S,
+    PLAINTEXT,
+    RUN_ID,
+    Command,
+    fail,
+)
+
+
+@click.command("agent", cls=Command)
+@click.option("--robot", required=True, type=int, metavar="N", help="Which robot this is.")
+@click.option(
+    "--connect", required=True, metavar="ENDPOINT", help="The plant, e.g. tcp/127.0.0.1:7447."
+)
+@RUN_ID
+@LEASH
+@KEYS
+@PLAINTEXT
+@LEASE
+def command(
+    robot: int,
+    connect: str,
+    run_name: str,
+    leash: bool,
+    keys: Path | None,
+    plaintext: bool,
+    lease_s: float,
+) -> None:
+    """Be one robot of a run."""
+    if lease_s < LONGEST_LEASE_S:  # one that is gone must not hold up the others
+        threads.many()
+    from formnet.agent.process import main as agent_main
+    from formnet.formation.wire.bus import BusError
+    from formnet.formation.wire.security import KeysError
+
+    try:
+        sys.exit(
+            agent_main(
+                robot=robot,
+                run=run_name,
+                connect=connect,
+                stop_at_end_of_input=leash,
+                keys=keys,
+                plaintext=plaintext,
+                lease_s=lease_s,
+            )
+        )
+    except (BusError, KeysError) as error:
+        fail(3, str(error))

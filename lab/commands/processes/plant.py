@@ -1,0 +1,111 @@
+"""``formnet plant``: the process of the plant.
+
+Zenoh is imported once it is known how many threads it may have.
+"""
+
+import sys
+from pathlib import Path
+
+import click
+
+from formnet.formation.wire import threads
+from formnet.lab.commands.complete import toml_files
+from formnet.lab.commands.options import (
+    KEYS,
+    LEASE,
+    LEASH,
+    LONGEST_LEASE_S,
+    OVERRIDE,
+    PLAINTEXT,
+    RUN_ID,
+    Command,
+    Number,
+    fail,
+    scenario_file,
+)
+from formnet.lab.runs.exits import in_words
+
+
+def _scenario_or_input(
+    context: click.Context, parameter: click.Parameter, argument: str
+) -> Path | None:
+    return None if argument == "-" else scenario_file(context, parameter, argument)
+
+
+@click.command("plant", cls=Command)
+@click.argument(
+    "scenario", callback=_scenario_or_input, metavar="SCENARIO|-", shell_complete=toml_files
+)
+@click.option("--listen", metavar="ENDPOINT", help="Where robots join, e.g. tcp/127.0.0.1:7447.")
+@click.option(
+    "--connect", metavar="ENDPOINT", help="A Zenoh router at which plant and robots meet instead."
+)
+@click.option(
+    "--record", metavar="FILE", help="Write the record stream here; - for standard output."
+)
+@click.option(
+    "--start-patience",
+    "start_patience_s",
+    type=Number(1.0, 1e9),
+    metavar="SECONDS",
+    help="End the run if no robot gets further for so long before the first tick  [default: wait]",
+)
+@RUN_ID
+@LEASH
+@OVERRIDE
+@KEYS
+@PLAINTEXT
+@LEASE
+def command(
+    scenario: Path | None,
+    listen: str | None,
+    connect: str | None,
+    record: str | None,
+    start_patience_s: float | None,
+    run_name: str,
+    leash: bool,
+    overrides: tuple[str, ...],
+    keys: Path | None,
+    plaintext: bool,
+    lease_s: float,
+) -> None:
+    """Be the plant of a run of SCENARIO.
+
+    With -, the scenario comes from standard input, which ends it or goes on after a NUL byte.
+    """
+    if (listen is None) == (connect is None):
+        raise click.UsageError("needs --listen or --connect, and not both")
+    if lease_s < LONGEST_LEASE_S:
+        threads.many()
+    from formnet.formation.scenario.loading import ScenarioError, load, loads
+    from formnet.formation.wire.bus import BusError
+    from formnet.formation.wire.process import read_scenario
+    from formnet.formation.wire.security import KeysError
+    from formnet.plant.process import main as plant_main
+
+    try:
+        if scenario is None:
+            loaded = loads(read_scenario(), "standard input", overrides)
+        else:
+            loaded = load(scenario, overrides)
+    except (ScenarioError, UnicodeDecodeError) as error:
+        fail(2, str(error))
+    try:
+        sys.exit(
+            plant_main(
+                loaded,
+                run=run_name,
+                listen=listen,
+                connect=connect,
+                record=record,
+                stop_at_end_of_input=leash,
+                start_patience_s=start_patience_s,
+                keys=keys,
+                plaintext=plaintext,
+                lease_s=lease_s,
+            )
+        )
+    except (BusError, KeysError) as error:
+        fail(3, str(error))
+    except OSError as error:
+        fail(3, in_words(error))

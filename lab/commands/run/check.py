@@ -1,0 +1,40 @@
+"""``formnet check``: is a scenario valid, and what does the theory make of it?"""
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from formnet.formation.scenario.loading import ScenarioError
+from formnet.lab.commands.options import OVERRIDE, SCENARIO, Command
+from formnet.lab.forecast.checked import load_checked
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
+from formnet.lab.text.assessment import describe, describe_plan
+from formnet.lab.text.problems import report_problems, say_slow, warn
+
+
+@click.command("check", cls=Command)
+@SCENARIO
+@OVERRIDE
+def command(scenario: Path, overrides: tuple[str, ...]) -> None:
+    """Validate SCENARIO; say what the theory makes of it."""
+    sys.exit(check_scenario(scenario, overrides))
+
+
+def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
+    """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
+    troubles = Console(stderr=True)
+    try:
+        scenario, warnings = load_checked(path, overrides, partial(say_slow, troubles))
+    except ScenarioError as error:
+        report_problems(troubles, error)
+        return BAD_INPUT
+    console = Console(highlight=False)
+    console.print(f"{escape(str(path))}: valid", soft_wrap=True)
+    for line in [*describe(scenario), *describe_plan(scenario)]:
+        console.print(escape(line), soft_wrap=True)
+    warn(console, warnings)
+    return ALL_HOLD

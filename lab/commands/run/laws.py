@@ -1,0 +1,18 @@
+"""``formnet laws``: the control laws that are installed."""
+
+import click
+
+from formnet.agent.law import installed
+from formnet.lab.commands.options import Command
+from formnet.lab.forecast.foresight import unusable
+
+
+@click.command("laws", cls=Command)
+def command() -> None:
+    """List the control laws that law.kind can name."""
+    for name, entry in installed().items():
+        source = f"  ({entry.dist.name} {entry.dist.version})" if entry.dist else ""
+        click.echo(f"{name:20} {entry.value}{source}")
+        problem = unusable(name)
+        if problem is not None:
+            click.echo(f"{'':20} {problem}")

@@ -1,0 +1,1 @@
+"""Commands that show a run in a viewer, while it goes on or afterwards."""

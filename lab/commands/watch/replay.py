@@ -1,0 +1,33 @@
+"""``formnet replay``: watch a recorded run again."""
+
+from pathlib import Path
+
+import click
+
+from formnet.formation.scenario.loading import ScenarioError
+from formnet.lab.commands.options import VIEW, WEB, Command, Number, fail, viewer
+from formnet.lab.scene.viewer import ViewerFailed
+from formnet.lab.watch.replay import NoScene, replay
+
+
+@click.command("replay", cls=Command)
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--speed",
+    type=Number(0.01, 1000.0),
+    default=1.0,
+    show_default=True,
+    help="How many simulated seconds a second.",
+)
+@VIEW
+@WEB
+def command(folder: Path, speed: float, view: bool, web: bool) -> None:
+    """Watch a recorded run again.
+
+    RUN is its folder. Without --web it opens a window.
+    """
+    shown = viewer(view=view, web=web)
+    try:
+        replay(folder, speed, web=shown == "web", say=click.echo)
+    except (NoScene, ScenarioError, ViewerFailed) as error:
+        fail(2, str(error))

@@ -1,0 +1,1 @@
+"""Whether claims hold: errors, V, the verdict."""

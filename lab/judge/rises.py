@@ -1,0 +1,105 @@
+"""Where V rises along a run, and what may have made it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formnet.formation.paper.theory import outside_model
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.judge.closed_loop import Array
+from formnet.lab.judge.lyapunov import Curve
+from formnet.lab.runs.recording import Collected
+from formnet.netem.core.transit import LOST_DOWN
+
+ROUNDING = 1e-9
+"""A gain below this share of V is not a rise."""
+_APART = 10
+"""Rises fewer broadcast periods apart are one."""
+
+
+class Rise(NamedTuple):
+    """V gained ``gain`` more than it may between ``begin_s`` and ``end_s``, and why."""
+
+    begin_s: float
+    end_s: float
+    gain: float
+    relative_gain: float
+    causes: list[str]
+
+
+def rises(recording: Collected, found: Curve) -> list[Rise]:
+    """Every stretch in which V gains more than its budget, from when all were first heard on."""
+    first = int(np.argmax(found.whole)) if found.whole.any() else len(found.v) - 1
+    with np.errstate(invalid="ignore"):  # a diverging run overflows
+        excess = np.diff(found.v) - found.budget[1:]
+        beyond = ~(excess <= ROUNDING * found.v[:-1])
+    marked = np.flatnonzero(beyond[first:]) + first
+    if not len(marked):
+        return []
+    causes = _Causes(recording)
+    groups = np.split(marked, np.flatnonzero(np.diff(marked) > _APART) + 1)
+    return [_rise(found, excess, group, causes) for group in groups]
+
+
+def _rise(found: Curve, excess: Array, steps: NDArray[np.intp], causes: "_Causes") -> Rise:
+    begin_s, end_s = float(found.t_s[steps[0]]), float(found.t_s[steps[-1] + 1])
+    gain, before = float(excess[steps].sum()), float(found.v[steps[0]])
+    return Rise(begin_s, end_s, gain, gain / before if before else gain, causes.of(begin_s, end_s))
+
+
+class _Causes:
+    """What can make V rise, and when: all that the theorems exclude."""
+
+    def __init__(self, recording: Collected) -> None:
+        scenario = recording.scenario
+        self._standing = standing_causes(scenario)
+        self._happenings = [(entry.at_s, f"{entry.what} at {entry.at_s:g} s")
+                            for entry in scenario.plan]  # fmt: skip
+        self._happenings += [
+            (event.t_ns / 1e9, f"robot {event.details['robot']} lost at {event.t_ns / 1e9:g} s")
+            for event in recording.events
+            if event.kind == "lost"
+        ]
+        lost = [
+            row for row in recording.link_rows
+            if row.fate.startswith("lost") and row.fate != LOST_DOWN
+        ]  # fmt: skip
+        self._lost_s = np.sort(np.array([row.t_sent_ns for row in lost], dtype=np.float64)) / 1e9
+        delays = [
+            row.t_usable_ns - row.t_sent_ns
+            for row in recording.link_rows
+            if row.t_usable_ns is not None
+        ]
+        longest_ns = max(delays, default=0)
+        self._reach_s = (
+            scenario.neighbours.silence_s + longest_ns / 1e9 + scenario.clock.broadcast_period_s
+        )
+
+    def of(self, begin_s: float, end_s: float) -> list[str]:
+        """What may have made V rise between two instants; "unexplained" if nothing is known."""
+        since_s = begin_s - self._reach_s
+        found = [what for at_s, what in self._happenings if since_s <= at_s <= end_s]
+        lost = int(np.searchsorted(self._lost_s, end_s) - np.searchsorted(self._lost_s, since_s))
+        if lost:
+            found.append(f"loss: {lost} messages since {max(0.0, since_s):g} s")
+        return [*found, *self._standing] or ["unexplained"]
+
+
+def standing_causes(scenario: Scenario) -> list[str]:
+    """Why V may rise at any time in a scenario; nothing where the theorems say that it never does.
+
+    What happens at an instant (faults, cuts, loss) is not among them.
+    """
+    law = scenario.law
+    causes = []
+    if law.cross_term == "printed":
+        causes.append("the term w1 z2 z3 that the proofs drop (law.cross_term)")
+    if law.delta == "printed":
+        causes.append("Δ of the sign printed in Eq. 19 (law.delta)")
+    settings = (scenario.link_settings(*link) for link in scenario.directed_links)
+    if any(some.constant_ns is None for some in settings):
+        causes.append("variable delay")
+    if law.level == "dynamic":
+        causes += outside_model(scenario)
+    return causes

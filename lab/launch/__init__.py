@@ -1,0 +1,1 @@
+"""Running a scenario, in one process or in many."""

@@ -1,0 +1,1 @@
+"""Other machines: where robots run, keys, what is there."""

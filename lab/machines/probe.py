@@ -1,0 +1,82 @@
+"""What this machine has, as a line of JSON for ``formnet doctor``: a program, run over SSH."""
+
+import argparse
+import hashlib
+import json
+import socket
+import time
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from formnet.formation.wire.messages import PROTOCOL
+from formnet.formation.wire.security import Credentials, KeysError, robot_name
+from formnet.lab.runs.build import compiled
+
+REACH_S = 5.0
+
+
+def probe(reach: str | None, keys: Path | None, names: list[str]) -> dict[str, Any]:
+    """What is here; ``reach`` is the HOST:PORT to try, ``names`` whose keys to look at."""
+    found: dict[str, Any] = {"protocol": PROTOCOL, "compiled": compiled(), "packages": {}}
+    for package in ("formnet", "eclipse-zenoh"):
+        with suppress(PackageNotFoundError):
+            found["packages"][package] = version(package)
+    if reach is not None:
+        found["reach"] = _reach(reach)
+    if keys is not None:
+        found["keys"] = {name: certificate(keys, name) for name in names}
+    found["unix_s"] = time.time()  # last: what comes after is on the way
+    return found
+
+
+def certificate(folder: Path, name: str) -> dict[str, Any]:
+    """The certificate of ``name``: until when it counts, its authority's SHA-256, what is wrong."""
+    try:
+        credentials = Credentials(folder.expanduser(), name)
+    except KeysError as error:
+        return {"problem": str(error)}
+    try:
+        from cryptography import x509
+    except ImportError:
+        return {"problem": "cannot be looked at without the package cryptography"}
+    try:
+        own = x509.load_pem_x509_certificate(credentials.certificate.read_bytes())
+        authority = x509.load_pem_x509_certificate(credentials.authority.read_bytes())
+        own.verify_directly_issued_by(authority)
+    except Exception as error:  # a broken file, a signature of another: many kinds
+        reason = str(error) or type(error).__name__
+        return {"problem": f"{credentials.certificate} is not of this ca.pem: {reason}"}
+    return {
+        "authority_sha256": hashlib.sha256(credentials.authority.read_bytes()).hexdigest(),
+        "expires_unix_s": own.not_valid_after_utc.timestamp(),
+        "expires": own.not_valid_after_utc.astimezone(UTC).isoformat(timespec="minutes"),
+        "expired": own.not_valid_after_utc < datetime.now(UTC),
+    }
+
+
+def _reach(place: str) -> str:
+    """Whether a TCP connection to HOST:PORT comes about; empty, or why not."""
+    host, _, port = place.rpartition(":")
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), REACH_S):
+            return ""
+    except OSError as error:
+        return str(error)
+
+
+def main() -> None:
+    """Print what is here."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--reach")
+    parser.add_argument("--keys", type=Path)
+    parser.add_argument("--robots", default="")
+    asked = parser.parse_args()
+    names = [robot_name(int(robot)) for robot in asked.robots.split(",") if robot]
+    print(json.dumps(probe(asked.reach, asked.keys, names)))
+
+
+if __name__ == "__main__":
+    main()

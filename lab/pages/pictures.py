@@ -1,0 +1,71 @@
+"""The figures of a run as its page shows them, with words for who cannot see them."""
+
+import base64
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import NamedTuple
+
+from formnet.lab.judge import claim_words
+from formnet.lab.runs.recorded import Recorded
+
+_TITLES = {
+    "errors": "",  # what errors are called depends on the law
+    "paths": "Paths and final pattern",
+    "deliveries": "Every message of every link",
+    "headings": "Headings",
+    "lyapunov": "V along the run",
+    "delays": "Delays against what was configured",
+    "graph": "Communication graph",
+}
+
+
+class Picture(NamedTuple):
+    """A figure in the page: a data URI, and words for who cannot see it."""
+
+    name: str
+    title: str
+    source: str
+    alt: str
+
+
+def pictures(run: Recorded) -> Iterator[Picture]:
+    """Every figure there is, as PNG or SVG, whichever is smaller."""
+    titles = _TITLES | {"errors": claim_words.capital(claim_words.errors(run.scenario))}
+    for name, title in titles.items():
+        found: list[tuple[bytes, str]] = []
+        for suffix, kind in (("png", "image/png"), ("svg", "image/svg+xml")):
+            with suppress(OSError):
+                found.append(((run.folder / "figures" / f"{name}.{suffix}").read_bytes(), kind))
+        if found:
+            data, kind = min(found, key=lambda item: len(item[0]))
+            source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
+            yield Picture(name, title, source, _in_words(name, run))
+
+
+def _in_words(name: str, run: Recorded) -> str:
+    """What a figure shows."""
+    judged, scenario = run.verdict, run.scenario
+    if name == "errors" and judged is not None:
+        titles = claim_words.titles(scenario)
+        ends = ", ".join(
+            f"{titles[claim]} {value:.1e} {claim_words.UNITS[claim]}"
+            for claim, key in claim_words.ENDS.items() if (value := judged[key]) is not None
+        )  # fmt: skip
+        return f"Errors over time on a log axis, with their tolerances. At the end: {ends}."
+    if name == "graph":
+        edges = ", ".join(f"{a} to {b}" for a, b in scenario.formation.edges) or "none"
+        return ("The robots at their places in the pattern; those that were down and links that "
+                f"were cut are marked. Edges: {edges}.")  # fmt: skip
+    return {
+        "errors": f"{claim_words.capital(claim_words.errors(scenario))} over time on a log axis, "
+        "with their tolerances.",
+        "paths": f"The paths of {len(scenario.ids)} robots in the plane, and where they are at the "
+        "end beside the desired pattern.",
+        "headings": "The robots' headings on the circle over time, and their gaps to the mean of "
+        "those that are up.",
+        "lyapunov": "V over time on a log axis; stretches in which it gains more than its budget "
+        "are shaded.",
+        "deliveries": "A band per link: the delay of every message at the time of its sending, or "
+        "how it was lost.",
+        "delays": "Histograms of measured delays beside the configured distributions.",
+    }[name]  # fmt: skip

@@ -1,0 +1,41 @@
+"""What this checkout or install was built into."""
+
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[2]
+_PACKAGES = ("agent", "formation", "lab", "netem", "plant")
+
+
+def compiled() -> bool:
+    """Whether what runs in every tick is compiled (setup.py)."""
+    return bool(_modules())
+
+
+def stale() -> str | None:
+    """What to do if a compiled module of this checkout is older than its source, which it hides.
+
+    None if there is nothing to do. Only a checkout has sources that change; the
+    times of an installed wheel's files mean nothing.
+    """
+    if not (_ROOT / "setup.py").exists():
+        return None
+    for built in _modules():
+        source = built.with_name(built.name.partition(".")[0] + ".py")
+        if built.stat().st_mtime < source.stat().st_mtime:
+            return (
+                f"{source.relative_to(_ROOT)} is newer than its compiled module: run `make build`, "
+                "or `make clean` to work with the source alone"
+            )
+    return None
+
+
+def _modules() -> list[Path]:
+    kinds = ("so", "pyd")
+    return [
+        built for name in _PACKAGES for kind in kinds for built in (_ROOT / name).rglob(f"*.{kind}")
+    ]
+
+
+def install(extra: str) -> str:
+    """How to get an extra of formnet."""
+    return f"pip install 'formnet[{extra}]' (in a checkout: -e '.[{extra}]')"

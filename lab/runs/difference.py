@@ -1,0 +1,102 @@
+"""Where two records of a run part."""
+
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from typing import Any, NamedTuple
+
+from formnet.formation.wire.record import LinkRow, Sample
+
+
+class Difference(NamedTuple):
+    """The first thing that differs: when, whose and what, and both values (None: missing)."""
+
+    t_ns: int
+    tick: int
+    whose: str
+    what: str
+    first: object
+    second: object
+
+    def __str__(self) -> str:
+        """For people."""
+        return (
+            f"t = {self.t_ns / 1e9:.9g} s (tick {self.tick}), {self.whose}, {self.what}: "
+            f"{_words(self.first)} and {_words(self.second)}"
+        )
+
+
+def first_difference(
+    first: Sequence[Sample] | Sequence[LinkRow],
+    second: Sequence[Sample] | Sequence[LinkRow],
+    period_ns: int,
+) -> Difference | None:
+    """Where two tables in the order of time differ first; None if every bit is the same.
+
+    ``period_ns`` is that of control ticks.
+    """
+    pairs: zip_longest[Any] = zip_longest(first, second)
+    for old, new in pairs:
+        if _bits(old) != _bits(new):
+            return _between(old, new, period_ns)
+    return None
+
+
+def other_extremes(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None) -> str | None:
+    """The first extreme of two motions that differs, in words; None if every bit is the same.
+
+    Nothing is said of a motion that is not known: runs of older versions do not tell.
+    """
+    if first is None or second is None:
+        return None
+    for what in [*first, *(what for what in second if what not in first)]:
+        one, other = first.get(what), second.get(what)
+        if _bits(one) != _bits(other):
+            return f"{what}: {_bits(one)} and {_bits(other)}"
+    return None
+
+
+def _between(
+    old: Sample | LinkRow | None, new: Sample | LinkRow | None, period_ns: int
+) -> Difference:
+    """How two rows differ, one of which may be missing."""
+    if old is not None and new is not None and _key(old) != _key(new):
+        if _key(old) < _key(new):
+            new = None
+        else:
+            old = None
+    some = new if old is None else old
+    assert some is not None
+    t_ns = some[0]
+    tick = t_ns // period_ns
+    if old is None or new is None:
+        return Difference(t_ns, tick, _whose(some), "the whole row", old, new)
+    what = next(name for name, a, b in zip(old._fields, old, new, strict=True)
+                if _bits(a) != _bits(b))  # fmt: skip
+    return Difference(t_ns, tick, _whose(old), what, getattr(old, what), getattr(new, what))
+
+
+def _bits(value: object) -> str:
+    """The same for the same bits: numbers written so that they can be read back (NaN, too).
+
+    ``==`` would take 0.0 for -0.0, and NaN for something that differs from itself.
+    """
+    return repr(value)
+
+
+def _key(row: Sample | LinkRow) -> tuple[int, ...]:
+    """What a row is about."""
+    if isinstance(row, Sample):
+        return row.t_ns, row.robot
+    return row.t_sent_ns, row.source, row.destination, row.sequence
+
+
+def _whose(row: Sample | LinkRow) -> str:
+    if isinstance(row, Sample):
+        return f"robot {row.robot}"
+    return f"message {row.sequence} from {row.source} to {row.destination}"
+
+
+def _words(value: object) -> str:
+    if value is None:
+        return "nothing"
+    return "something" if isinstance(value, tuple) else repr(value)

@@ -1,0 +1,309 @@
+"""A run's folder and what is in it.
+
+``scenario.toml`` (fully resolved), ``events.jsonl`` (written as things happen),
+``states.parquet``, ``links.parquet``, ``verdict.json``, ``figures/``, ``report.html``, ``logs/``.
+"""
+
+import hashlib
+import json
+import sys
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from copy import copy
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from formnet.formation.plan.roster import Roster
+from formnet.formation.scenario.loading import dumps
+from formnet.formation.scenario.model import Scenario
+from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
+from formnet.lab.runs import files
+from formnet.lab.runs.folders import forget, fresh_folder
+from formnet.netem.files.tables import nanoseconds
+
+if sys.platform != "win32":
+    import fcntl
+
+STATES_SCHEMA = pa.schema(
+    [("t_ns", pa.int64()), ("robot", pa.int32())]
+    + [(name, pa.float64()) for name in Sample._fields[2:]]
+)
+LINKS_SCHEMA = pa.schema(
+    [
+        ("t_sent_ns", pa.int64()),
+        ("t_usable_ns", pa.int64()),
+        ("source", pa.int32()),
+        ("destination", pa.int32()),
+        ("sequence", pa.int64()),
+        ("fate", pa.dictionary(pa.int8(), pa.string())),
+    ]
+)
+SCENARIO, EVENTS = "scenario.toml", "events.jsonl"
+STATES, LINKS = "states.parquet", "links.parquet"
+
+
+class Trajectories:
+    """All samples of a run as arrays, robots in the scenario's order.
+
+    ``t_s`` (n_samples,); ``states`` (n_samples, n_robots, 5) with columns x, y
+    (m), heading (rad), speed (m/s), turn rate (rad/s); ``torques_nm``
+    (n_samples, n_robots, 2), right and left, NaN at the kinematic level.
+    """
+
+    def __init__(self, samples: list[Sample], robots: int) -> None:
+        table = np.array(samples, dtype=np.float64).reshape(-1, robots, len(Sample._fields))
+        self.t_ns: NDArray[np.int64] = np.array(
+            [sample.t_ns for sample in samples[::robots]], dtype=np.int64
+        )
+        self.t_s = self.t_ns / 1e9
+        self.states = table[..., 2:7]
+        self.torques_nm = table[..., 7:9]
+
+    def first(self, count: int) -> "Trajectories":
+        """The first ``count`` instants alone."""
+        part = copy(self)
+        part.t_ns, part.t_s = self.t_ns[:count], self.t_s[:count]
+        part.states, part.torques_nm = self.states[:count], self.torques_nm[:count]
+        return part
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        return self.states[..., :2]
+
+    @property
+    def headings_rad(self) -> NDArray[np.float64]:
+        return self.states[..., 2]
+
+
+def trajectory_sha256(samples: list[Sample]) -> str:
+    """SHA-256 over all samples: two runs agree if and only if every bit of every sample does.
+
+    The bytes are, per row and in order, t_ns and robot as little-endian int64
+    and the seven remaining columns as little-endian doubles (NaN for none), so
+    the hash can be computed from ``states.parquet`` by anyone.
+    """
+    rows = np.empty(len(samples), dtype=[("t", "<i8"), ("robot", "<i8"), ("values", "<f8", (7,))])
+    if samples:
+        rows["t"] = [sample.t_ns for sample in samples]
+        rows["robot"] = [sample.robot for sample in samples]
+        rows["values"] = np.array([sample[2:] for sample in samples], dtype=np.float64)
+    return hashlib.sha256(rows.tobytes()).hexdigest()
+
+
+class Collected:
+    """A run's records in memory; a sink."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.samples: list[Sample] = []
+        self.link_rows: list[LinkRow] = []
+        self.events: list[Event] = []
+        self.outcome: Outcome | None = None
+
+    def __call__(self, record: Record) -> None:
+        """Take one record."""
+        if isinstance(record, Samples):
+            self.samples.extend(record.rows)
+        elif isinstance(record, LinkRows):
+            self.link_rows.extend(record.rows)
+        elif isinstance(record, Event):
+            self.events.append(record)
+        else:
+            self.outcome = record
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """What was sampled so far."""
+        return Trajectories(self.samples, len(self.scenario.robots))
+
+    @property
+    def sorted_link_rows(self) -> list[LinkRow]:
+        """Fates of messages by when they were sent, source, destination, sequence; twins by fate.
+
+        The order in which they are reported depends on the machine.
+        """
+        return sorted(
+            self.link_rows,
+            key=lambda row: (row.t_sent_ns, *row[2:], -1 if row[1] is None else row[1]),
+        )
+
+    @property
+    def motion(self) -> dict[str, Any] | None:
+        """The extremes of the motion (:meth:`plant.extremes.Extremes.details`), once known."""
+        return next((e.details for e in self.events if e.kind == "extremes"), None)
+
+    def latest(self) -> Trajectories:
+        """The newest sample of every robot alone (empty if there is none)."""
+        robots = len(self.scenario.robots)
+        return Trajectories(self.samples[-robots:], robots)
+
+    def now_ns(self) -> int:
+        """The time of the newest sample."""
+        return self.samples[-1].t_ns if self.samples else 0
+
+    def roster(self) -> Roster:
+        """Who was down when: as planned, and as it came."""
+        roster = self.scenario.roster()
+        for event in self.events:
+            if event.kind == "lost":
+                roster.lose(event.details["robot"], event.details["tick"])
+        return roster
+
+    def up_at(self, t_ns: int) -> list[int]:
+        """The robots that take part at an instant, in the scenario's order."""
+        tick, roster = t_ns // self.scenario.clock.control_period_ns, self.roster()
+        return [robot for robot in self.scenario.ids if roster.up(robot, tick)]
+
+
+class Recording(Collected):
+    """Collects a run's records; a sink. Events go to disk at once, tables with :meth:`save`.
+
+    While the disk takes no events, they are kept in memory for :meth:`save`.
+
+    Raises:
+        RunExists: ``folder`` exists and is not empty.
+        OSError: ``folder`` cannot be made, or ``scenario.toml`` not be written.
+    """
+
+    def __init__(self, folder: Path, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.folder = fresh_folder(folder, EVENTS)
+        # What befalls robots the plant reports itself.
+        self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
+        self._lines: list[str] = []
+        self._behind = False  # the file lacks lines, or has half of one
+        self._saved: set[str] = set()
+        self._file = (folder / EVENTS).open("a", encoding="utf-8")
+        with suppress(OSError):  # a file system without locks
+            _lock(self._file)
+        try:
+            files.write_new(folder / SCENARIO, dumps(scenario))
+        except OSError:
+            self._file.close()
+            forget(folder, EVENTS)
+            raise
+
+    def __call__(self, record: Record) -> None:
+        """Take one record."""
+        super().__call__(record)
+        if isinstance(record, Samples):
+            self._note_plan(record.rows[-1].t_ns if record.rows else 0)
+        elif isinstance(record, Event):
+            self._write_event(record.kind, record.t_ns, record.details)
+        elif isinstance(record, Outcome):
+            self._write_event(
+                record.kind, record.t_ns, {"robot": record.robot, "reason": record.reason}
+            )
+
+    def close(self) -> None:
+        """Nothing more comes. What is in memory alone is let go, unless :meth:`save` follows."""
+        with suppress(OSError):  # its last line could not be written
+            self._file.close()
+
+    def save(self) -> list[OSError]:
+        """Write tables and events, each whole or not at all; returns what could not be written.
+
+        Called again, it tries that alone.
+        """
+        self.close()
+        problems = []
+        for name, content in list(self._unsaved().items()):
+            found = files.attempt(partial(files.replace, self.folder / name, content))
+            problems += found
+            if not found:
+                self._saved.add(name)
+        return problems
+
+    def _unsaved(self) -> dict[str, bytes]:
+        """What :meth:`save` has to write."""
+        found = {
+            name: _parquet(rows, schema)
+            for name, rows, schema in (
+                (STATES, self.samples, STATES_SCHEMA),
+                (LINKS, self.sorted_link_rows, LINKS_SCHEMA),
+            )
+            if name not in self._saved
+        }
+        if self._behind and EVENTS not in self._saved:
+            found[EVENTS] = "".join(self._lines).encode()
+        return found
+
+    def _note_plan(self, now_ns: int) -> None:
+        """Put what was planned up to now among the events."""
+        while self._ahead and nanoseconds(self._ahead[0].at_s) <= now_ns:
+            entry = self._ahead.popleft()
+            self(Event("network", nanoseconds(entry.at_s), {"what": entry.what}))
+
+    def _write_event(self, kind: str, t_ns: int, details: dict[str, Any]) -> None:
+        line = {
+            "t_s": t_ns / 1e9,
+            "event": kind,
+            **details,
+            "wall": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        }
+        self._lines.append(json.dumps(line) + "\n")
+        if self._behind:
+            return
+        try:
+            self._file.write(self._lines[-1])
+            self._file.flush()
+        except OSError:
+            self._behind = True
+
+
+def being_written(folder: Path) -> bool:
+    """Whether a process that lives on this machine is recording into ``folder``."""
+    try:
+        with (folder / EVENTS).open(encoding="utf-8") as events:
+            _lock(events)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _lock(file: IO[str]) -> None:
+    """Hold ``file`` until it is closed or this process ends. Raises OSError if it is held."""
+    if sys.platform != "win32":
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def read_states(folder: Path) -> list[Sample]:
+    """The samples in a run's folder.
+
+    Raises:
+        OSError, ValueError, KeyError: there is no such table, or it is another.
+    """
+    return [Sample(*row) for row in _rows(folder / STATES, STATES_SCHEMA)]
+
+
+def read_links(folder: Path) -> list[LinkRow]:
+    """The fates of messages in a run's folder; raises as :func:`read_states`."""
+    return [LinkRow(*row) for row in _rows(folder / LINKS, LINKS_SCHEMA)]
+
+
+def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
+    with file.open("rb") as stream:  # its name may be no text
+        table = pq.read_table(stream)
+    return zip(*(table.column(name).to_pylist() for name in schema.names), strict=True)
+
+
+def _parquet(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> bytes:
+    """A table as a file holds it."""
+    columns = zip(*rows, strict=True) if rows else [()] * len(schema)
+    table = pa.table(
+        [pa.array(column, kind) for column, kind in zip(columns, schema.types, strict=True)],
+        schema=schema,
+    )
+    whole = pa.BufferOutputStream()
+    pq.write_table(table, whole)
+    return whole.getvalue().to_pybytes()  # type: ignore[no-any-return]

@@ -1,0 +1,1 @@
+"""A run as a scene for Rerun, and for Foxglove."""

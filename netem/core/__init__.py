@@ -1,0 +1,1 @@
+"""A link: what becomes of each message, and when; no clock, socket or thread."""

@@ -1,0 +1,1 @@
+"""What else goes wrong on a link, one impairment each."""

@@ -1,0 +1,1 @@
+"""A link's settings as they stand in a file, and how they change over time."""

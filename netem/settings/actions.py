@@ -1,0 +1,24 @@
+"""What can be done to a link at an instant, beside a :class:`netem.settings.ramp.Ramp`."""
+
+from dataclasses import dataclass
+
+from formnet.netem.settings.links import LinkOverrides
+
+
+@dataclass(frozen=True)
+class Change:
+    """Replace exactly the settings that ``overrides`` names."""
+
+    overrides: LinkOverrides
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Lose whatever is sent from now on; what is in flight is kept, or lost too."""
+
+    lose_in_flight: bool = False
+
+
+@dataclass(frozen=True)
+class Heal:
+    """End a cut."""
