@@ -12,7 +12,7 @@ def compiled() -> bool:
 
 
 def stale() -> str | None:
-    """What to do if a compiled module of this checkout is older than its source, which it hides.
+    """What to do if a compiled module of this checkout is older than its source, or has none.
 
     None if there is nothing to do. Only a checkout has sources that change; the
     times of an installed wheel's files mean nothing.
@@ -21,6 +21,11 @@ def stale() -> str | None:
         return None
     for built in _modules():
         source = built.with_name(built.name.partition(".")[0] + ".py")
+        if not source.exists():
+            return (
+                f"{built.relative_to(_ROOT)} was compiled from a source that is gone: delete it, "
+                "or run `make clean` and begin anew"
+            )
         if built.stat().st_mtime < source.stat().st_mtime:
             return (
                 f"{source.relative_to(_ROOT)} is newer than its compiled module: run `make build`, "
