@@ -25,8 +25,6 @@ from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.actions import Heal
 from formnet.netem.settings.timeline import Action
 
-LinkAction = NetworkAction | RampAction | CutAction | HealAction | PartitionAction
-
 TimelineAction = Annotated[
     NetworkAction
     | RampAction
