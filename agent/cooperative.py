@@ -65,10 +65,8 @@ class CooperativeLaw:
         w1_squared = w1 * w1
         eta1 = b_s - pull * big_s + w1
         eta2 = (
-            b_z2 - pull * z2
-            - beta * w1 * (w1 * z2 - beta * z3 * w1_squared)
-            - beta * z3 * w1_dot
-        )  # fmt: skip
+            b_z2 - pull * z2 - beta * w1 * (w1 * z2 - beta * z3 * w1_squared) - beta * z3 * w1_dot
+        )
         if self._compensated:
             eta2 -= w1 * z3
         if not self._dynamic:
@@ -76,11 +74,12 @@ class CooperativeLaw:
 
         eta1_dot = b_s_dot - pull * s_dot + w1_dot
         eta2_dot = (
-            b_z2_dot - pull * z2_dot
+            b_z2_dot
+            - pull * z2_dot
             - beta * (2.0 * w1 * w1_dot * z2 + w1_squared * z2_dot)
             + beta * beta * w1_squared * (z3_dot * w1 + 3.0 * z3 * w1_dot)
             - beta * (z3_dot * w1_dot + z3 * w1_ddot)
-        )  # fmt: skip
+        )
         if self._compensated:
             eta2_dot -= w1_dot * z3 + w1 * z3_dot
         return self._layer.torques(

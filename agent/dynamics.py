@@ -30,10 +30,19 @@ class DynamicLayer:
         )
 
     def torques(
-        self, t_s: float, zeta3: float, zeta3_dot: float, u1: float, u2: float,
-        eta1: float, eta2: float, eta1_dot: float, eta2_dot: float,
-        lambda1: float, lambda2: float,
-    ) -> Command:  # fmt: skip
+        self,
+        t_s: float,
+        zeta3: float,
+        zeta3_dot: float,
+        u1: float,
+        u2: float,
+        eta1: float,
+        eta2: float,
+        eta1_dot: float,
+        eta2_dot: float,
+        lambda1: float,
+        lambda2: float,
+    ) -> Command:
         """The wheel torques that give the wrench B̄τ for u = (−ω, v + ζ3 ω) and Λ.
 
         A law that decides (v, ω) themselves has ζ3 = 0.

@@ -71,9 +71,18 @@ class LeaderFollowerLaw:
             return Command(v, omega)
         scale = self._scale
         return self._layer.torques(
-            t_s, 0.0, 0.0, -own.turn_rate_radps, own.speed_mps / scale,
-            -omega, v / scale, -omega_dot, v_dot / scale, 0.0, 0.0,
-        )  # fmt: skip
+            t_s,
+            0.0,
+            0.0,
+            -own.turn_rate_radps,
+            own.speed_mps / scale,
+            -omega,
+            v / scale,
+            -omega_dot,
+            v_dot / scale,
+            0.0,
+            0.0,
+        )
 
     def _whom_to_follow(self, t_s: float, heard: tuple[Stamped, ...]) -> State | None:
         """The leader as last heard; for the first of all, the point that it tracks."""
@@ -92,8 +101,11 @@ class LeaderFollowerLaw:
         c2, s2 = cos(own.heading_rad), sin(own.heading_rad)
         c1, s1 = cos(leader.heading_rad), sin(leader.heading_rad)
         v1, w1, v2, w2 = (
-            leader.speed_mps, leader.turn_rate_radps, own.speed_mps, own.turn_rate_radps
-        )  # fmt: skip
+            leader.speed_mps,
+            leader.turn_rate_radps,
+            own.speed_mps,
+            own.turn_rate_radps,
+        )
         # The point ahead of the own axle, seen from the leader: r = l (cos φ, sin φ).
         rx, ry = own.x_m + reach * c2 - leader.x_m, own.y_m + reach * s2 - leader.y_m
         distance = max(hypot(rx, ry), NEAREST_M)
@@ -111,9 +123,10 @@ class LeaderFollowerLaw:
         phi_dot = (ry_dot * ex - rx_dot * ey) / distance
         along = -settings.separation_gain * distance_dot - distance * swing * phi_dot
         across = (
-            closing * phi_dot + distance_dot * swing
+            closing * phi_dot
+            + distance_dot * swing
             - distance * settings.bearing_gain * (phi_dot - w1)
-        )  # fmt: skip
+        )
         wx_dot = -v1 * w1 * s1 + along * ex - across * ey
         wy_dot = v1 * w1 * c1 + along * ey + across * ex
         v, sideways = wx * c2 + wy * s2, wy * c2 - wx * s2

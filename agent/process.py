@@ -359,10 +359,15 @@ class RobotProcess:
 
 
 def main(
-    *, robot: int, run: str, connect: str, stop_at_end_of_input: bool,
-    keys: Path | None = None, plaintext: bool = False,
+    *,
+    robot: int,
+    run: str,
+    connect: str,
+    stop_at_end_of_input: bool,
+    keys: Path | None = None,
+    plaintext: bool = False,
     lease_s: float = bus.LONG_LEASE_S,
-) -> int:  # fmt: skip
+) -> int:
     """Run robot ``robot`` of run ``run`` against the plant at ``connect``; returns the exit code.
 
     ``keys``, ``plaintext`` and ``lease_s`` are as in :func:`formation.wire.bus.session`.

@@ -40,9 +40,12 @@ class RealtimeLoop:
     """
 
     def __init__(
-        self, robot: TimedRobot, scenario: Scenario, send: Callable[[bytes], None],
+        self,
+        robot: TimedRobot,
+        scenario: Scenario,
+        send: Callable[[bytes], None],
         broadcast: zenoh.Publisher,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._robot = robot
         self._id = robot.robot
         self._period_ns = scenario.clock.control_period_ns
@@ -115,10 +118,11 @@ class RealtimeLoop:
         with self._lock:
             if self._clock.known:  # until then, this robot does not know what time it is
                 self._robot.on_broadcast(
-                    source, sample.payload.to_bytes(),
+                    source,
+                    sample.payload.to_bytes(),
                     None if attachment is None else attachment.to_bytes(),
                     self._clock.at(received_ns),
-                )  # fmt: skip
+                )
 
     def report(self, *, last: bool = False) -> None:
         """Tell the plant what became of messages, and how time went."""
@@ -127,11 +131,19 @@ class RealtimeLoop:
             rows = robot.take_last_link_rows(IN_FLIGHT) if last else robot.take_link_rows()
             rejections = robot.take_rejections()
             known, now_ns = self._clock.known, time.monotonic_ns()
-            timing = Timing(
-                self._id, self._periods, self._missed, self._lateness_s.summary(),
-                robot.transit_s.summary(), self._clock.offset_ns() / 1e9,
-                self._clock.uncertainty_ns(now_ns) / 1e9,
-            ) if known else None  # fmt: skip
+            timing = (
+                Timing(
+                    self._id,
+                    self._periods,
+                    self._missed,
+                    self._lateness_s.summary(),
+                    robot.transit_s.summary(),
+                    self._clock.offset_ns() / 1e9,
+                    self._clock.uncertainty_ns(now_ns) / 1e9,
+                )
+                if known
+                else None
+            )
         for start in range(0, len(rows), _MOST_ROWS):
             self._send(encode(Links(self._id, rows[start : start + _MOST_ROWS])))
         for rejection in rejections:

@@ -31,10 +31,15 @@ def main() -> int:
     asked = _arguments()
     console = Console(stderr=True)
     plan = Plan(asked.ticks, asked.rounds, asked.skip_helics, asked.helics_core, console)
-    report = Report({
-        "ticks": asked.ticks, "rounds": asked.rounds, "only": asked.only,
-        "skip_helics": asked.skip_helics, "helics_core": asked.helics_core,
-    })  # fmt: skip
+    report = Report(
+        {
+            "ticks": asked.ticks,
+            "rounds": asked.rounds,
+            "only": asked.only,
+            "skip_helics": asked.skip_helics,
+            "helics_core": asked.helics_core,
+        }
+    )
     failed = False
     with tempfile.TemporaryDirectory(prefix="formnet-benchmarks-") as folder:
         for group in asked.only:
@@ -82,9 +87,11 @@ def _arguments() -> argparse.Namespace:
         "still when a robot is lost (g), real time (h), what watching costs (i); one table.",
     )
     parser.add_argument(
-        "--ticks", type=_at_least(LEAST_TICKS), default=2000,
+        "--ticks",
+        type=_at_least(LEAST_TICKS),
+        default=2000,
         help="ticks a round (default %(default)s); the other lengths follow",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--rounds", type=_at_least(1), default=5, help="rounds (default %(default)s; c at most 3)"
     )

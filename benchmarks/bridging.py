@@ -64,18 +64,38 @@ def _received(network: Path | None, count: int, period_s: float) -> NDArray[np.i
     ends = ("--listen", there) if network else ("--connect", here)
     with ExitStack() as stack:
         publisher = stack.enter_context(
-            _program("benchmarks.zenoh_ends", "publish", _KEY, "--listen", here,
-                     "--count", str(count), "--period", str(period_s))
-        )  # fmt: skip
+            _program(
+                "benchmarks.zenoh_ends",
+                "publish",
+                _KEY,
+                "--listen",
+                here,
+                "--count",
+                str(count),
+                "--period",
+                str(period_s),
+            )
+        )
         subscriber = stack.enter_context(
-            _program("benchmarks.zenoh_ends", "subscribe", "robot/**", *ends,
-                     "--count", str(count + 1))
-        )  # fmt: skip
+            _program(
+                "benchmarks.zenoh_ends", "subscribe", "robot/**", *ends, "--count", str(count + 1)
+            )
+        )
         if network:
             stack.enter_context(
-                _program("formnet", "netem-bridge", "--from", here, "--to", there,
-                         "--key", "robot/**", "--network", str(network))
-            )  # fmt: skip
+                _program(
+                    "formnet",
+                    "netem-bridge",
+                    "--from",
+                    here,
+                    "--to",
+                    there,
+                    "--key",
+                    "robot/**",
+                    "--network",
+                    str(network),
+                )
+            )
         assert publisher.stdin is not None
         assert subscriber.stdout is not None
         watchdog = threading.Timer(_LIMIT_S, subscriber.kill)
@@ -98,9 +118,11 @@ def _program(*command: str) -> Iterator[subprocess.Popen[bytes]]:
     """``python -m command`` until the end of the block."""
     process = subprocess.Popen(
         [sys.executable, "-m", *command],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
         start_new_session=True,
-    )  # fmt: skip
+    )
     try:
         yield process
     finally:

@@ -38,9 +38,11 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
         if plan.skip_helics or not helics_fed.installed():
             continue
         try:
-            helics.append(helics_fed.tick_ms(
-                robots, plan.helics_ticks, place / "helics", core=plan.helics_core
-            ))  # fmt: skip
+            helics.append(
+                helics_fed.tick_ms(
+                    robots, plan.helics_ticks, place / "helics", core=plan.helics_core
+                )
+            )
             over.append(helics[-1] / formnet[-1])
         except BenchmarkError as error:
             note = f"round {number}: {error}"

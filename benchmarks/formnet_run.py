@@ -37,9 +37,13 @@ class _Clock:
 
 
 def tick_ms(
-    scenario: Scenario, folder: Path, *, also: Sink = lambda _: None,
-    refresh: Callable[[], None] = lambda: None, begun: Begun = lambda *_: None,
-) -> float:  # fmt: skip
+    scenario: Scenario,
+    folder: Path,
+    *,
+    also: Sink = lambda _: None,
+    refresh: Callable[[], None] = lambda: None,
+    begun: Begun = lambda *_: None,
+) -> float:
     """Run ``scenario`` once; wall-clock milliseconds per tick. Files go to ``folder``.
 
     ``also`` gets the records, ``refresh`` and ``begun`` are called as by ``lab.launch.launch``.

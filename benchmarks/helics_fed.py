@@ -100,9 +100,16 @@ def abort_s(robots: int, logs: Path, *, core: str = CORE) -> float:
 def _commands(robots: int, ticks: int, core: str) -> dict[str, list[str]]:
     """The processes of an exchange, the plant first."""
     common = [
-        "benchmarks.helics_fed", "--core", core, "--port", str(free_port()),
-        "--robots", str(robots), "--ticks", str(ticks),
-    ]  # fmt: skip
+        "benchmarks.helics_fed",
+        "--core",
+        core,
+        "--port",
+        str(free_port()),
+        "--robots",
+        str(robots),
+        "--ticks",
+        str(ticks),
+    ]
     commands = {"helics-plant": common}
     for robot in range(1, robots + 1):
         commands[f"helics-robot-{robot}"] = [*common, "--robot", str(robot)]
@@ -183,9 +190,10 @@ def _broker(core: str, port: int, federates: int) -> Iterator[None]:
     import helics
 
     broker = helics.helicsCreateBroker(
-        core, "broker",
+        core,
+        "broker",
         f"-f {federates} --port={port} --local_interface={LOOPBACK} --loglevel=error --globaltime",
-    )  # fmt: skip
+    )
     yield
     helics.helicsBrokerWaitForDisconnect(broker, 2000)
 

@@ -53,10 +53,15 @@ def main() -> int:
         bad += bool(problems)
         longest_s = max(longest_s, took_s)
         ways[f"{name}: {how}"] += 1
-        print(f"{name} robot {robot} after {after_s:.3f} s: ended {took_s:.2f} s later, {how}"
-              + "".join(f"\n  PROBLEM: {problem}" for problem in problems), flush=True)  # fmt: skip
-    print(f"seed {asked.seed}: {asked.kills + asked.stops} trials, {bad} with a problem; the "
-          f"longest ended {longest_s:.2f} s after the signal (bound {BOUND_S:g} s)")  # fmt: skip
+        print(
+            f"{name} robot {robot} after {after_s:.3f} s: ended {took_s:.2f} s later, {how}"
+            + "".join(f"\n  PROBLEM: {problem}" for problem in problems),
+            flush=True,
+        )
+    print(
+        f"seed {asked.seed}: {asked.kills + asked.stops} trials, {bad} with a problem; the "
+        f"longest ended {longest_s:.2f} s after the signal (bound {BOUND_S:g} s)"
+    )
     for way, count in sorted(ways.items()):
         print(f"  {count:3} {way}")
     return 1 if bad else 0
@@ -111,14 +116,20 @@ def _ending(out: Path, code: int, robot: int) -> tuple[str, list[str]]:
 
 
 def _wrong(
-    code: int, kind: str, verdict: dict[str, Any], lost: list[int], robot: int, samples: int,
+    code: int,
+    kind: str,
+    verdict: dict[str, Any],
+    lost: list[int],
+    robot: int,
+    samples: int,
     links: int,
-) -> Iterator[str]:  # fmt: skip
+) -> Iterator[str]:
     if code not in ((0, 1) if kind == "completed" else (3,)):
         yield f"exit code {code} of a run that is {kind}"
     if kind == "completed" and (
-        verdict["simulated_s"], samples,
-    ) != (DURATION_S, 5 * (round(100 * DURATION_S) + 1)):  # fmt: skip
+        verdict["simulated_s"],
+        samples,
+    ) != (DURATION_S, 5 * (round(100 * DURATION_S) + 1)):
         yield f"completed with {samples} samples up to {verdict['simulated_s']} s"
     if kind == "completed" and not links:
         yield "no messages"

@@ -28,8 +28,10 @@ def measure(plan: Plan) -> list[Row]:
         BenchmarkError: a message came early, or not at all.
     """
     ways: dict[str, Callable[[int], list[int]]] = {
-        "netem": _netem, "time.sleep": _sleep, "asyncio": _asyncio
-    }  # fmt: skip
+        "netem": _netem,
+        "time.sleep": _sleep,
+        "asyncio": _asyncio,
+    }
     found: dict[tuple[str, int], list[float]] = {(way, q): [] for way in ways for q in (50, 99)}
     for number in range(1, plan.rounds + 1):
         plan.say(f"e: round {number} of {plan.rounds}")

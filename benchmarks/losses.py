@@ -57,16 +57,22 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
     return [
         Row("g", "a robot is killed: the others go on after", killed, "ms"),
         Row("g", f"a robot is stopped, patience_s = {PATIENCE_S:g}: likewise", stopped, "s"),
-        Row("g", f"HELICS ({plan.helics_core}), one is killed: all are aborted after", helics, "s",
-            note=note),
-    ]  # fmt: skip
+        Row(
+            "g",
+            f"HELICS ({plan.helics_core}), one is killed: all are aborted after",
+            helics,
+            "s",
+            note=note,
+        ),
+    ]
 
 
 def stall_s(number: signal.Signals, draw: random.Random, folder: Path) -> float:
     """Send signal ``number`` to one robot of a run; seconds until the others go on."""
-    scenario = load(SECTION5, [
-        "duration_s=600", "clock.broadcast_period_s=0.001", f"run.patience_s={PATIENCE_S}"
-    ])  # fmt: skip
+    scenario = load(
+        SECTION5,
+        ["duration_s=600", "clock.broadcast_period_s=0.001", f"run.patience_s={PATIENCE_S}"],
+    )
     folder.mkdir(parents=True)
     name = f"losses-{secrets.token_hex(3)}"
     seen = _Seen()

@@ -27,8 +27,10 @@ def tick_ms(processes: int, ticks: int, touched_kb: int) -> float:
     arguments = map(str, (processes, ticks, touched_kb))
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.machine", *arguments],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode:
         raise BenchmarkError(f"machine: {done.stderr.strip().rpartition(chr(10))[2]}")
     return float(done.stdout)

@@ -24,10 +24,15 @@ SIZES = (5, 10, 20, 40)
 DELAY_S = 0.05
 JUNK_PER_S, VICTIM = 10_000, 3
 _SETTINGS = (
-    "clock.mode=realtime", "clock.control_period_s=0.01", "clock.broadcast_period_s=0.05",
-    "law.beta=2.0", "law.feedback_gain=3.0", "law.boundary_layer=1e4", "law.length_scale_m=4.0",
+    "clock.mode=realtime",
+    "clock.control_period_s=0.01",
+    "clock.broadcast_period_s=0.05",
+    "law.beta=2.0",
+    "law.feedback_gain=3.0",
+    "law.boundary_layer=1e4",
+    "law.length_scale_m=4.0",
     f"network.default.delay.mean_s={DELAY_S}",
-)  # fmt: skip
+)
 
 
 def measure(plan: Plan, folder: Path) -> list[Row]:
@@ -46,21 +51,39 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
             found.append(timing)
         few = robots == SIZES[0]
         rows += [
-            Row("h", f"{robots} robots at 100 Hz, missed periods", [t.missed for t in found], "%",
-                Target("<=", 0.5) if few else None),
-            Row("h", "… sense to drive, p50", [t.robots("sense_to_drive_s", "p50") for t in found],
-                "ms"),
+            Row(
+                "h",
+                f"{robots} robots at 100 Hz, missed periods",
+                [t.missed for t in found],
+                "%",
+                Target("<=", 0.5) if few else None,
+            ),
+            Row(
+                "h",
+                "… sense to drive, p50",
+                [t.robots("sense_to_drive_s", "p50") for t in found],
+                "ms",
+            ),
             Row("h", "… p99", [t.robots("sense_to_drive_s", "p99") for t in found], "ms"),
-            Row("h", "… a broadcast on the real network, p99",
-                [t.robots("transit_s", "p99") for t in found], "ms"),
+            Row(
+                "h",
+                "… a broadcast on the real network, p99",
+                [t.robots("transit_s", "p99") for t in found],
+                "ms",
+            ),
             Row("h", "… the plant woke late, p99", [t.plant_ms for t in found], "ms"),
-        ]  # fmt: skip
+        ]
         if few:
             rows += [
-                Row("h", "… a delay of 50 ms on top of it: off by, p99", [t.off_ms for t in found],
-                    "ms", Target("<=", 0.3)),
+                Row(
+                    "h",
+                    "… a delay of 50 ms on top of it: off by, p99",
+                    [t.off_ms for t in found],
+                    "ms",
+                    Target("<=", 0.3),
+                ),
                 _flooded(plan, folder),
-            ]  # fmt: skip
+            ]
     return rows
 
 
@@ -119,9 +142,7 @@ class _Timing:
         return 1e3 * float(np.median(values))
 
 
-def _run(
-    robots: int, seconds: int, timing: _Timing, folder: Path, *, flood: bool = False
-) -> None:  # fmt: skip
+def _run(robots: int, seconds: int, timing: _Timing, folder: Path, *, flood: bool = False) -> None:
     scenario = loads(
         ring_toml(robots, 1000 * seconds), f"ring-{robots}", [*_SETTINGS, f"duration_s={seconds}"]
     )

@@ -76,10 +76,13 @@ def _robot_toml(robot: int, robots: int) -> str:
     radius_m = _SPACING_M * robots / (2 * math.pi)
     x_m, y_m = radius_m * math.cos(angle_rad), radius_m * math.sin(angle_rad)
     return _ROBOT.format(
-        robot=robot, x_m=x_m, y_m=y_m,
-        start_x_m=x_m + 0.1 * math.sin(3 * robot), start_y_m=y_m + 0.1 * math.cos(5 * robot),
+        robot=robot,
+        x_m=x_m,
+        y_m=y_m,
+        start_x_m=x_m + 0.1 * math.sin(3 * robot),
+        start_y_m=y_m + 0.1 * math.cos(5 * robot),
         heading_rad=0.1 * math.sin(7 * robot),
-    )  # fmt: skip
+    )
 
 
 def _duration_s(ticks: int) -> float:

@@ -49,11 +49,15 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
     return [
         Row("i", first, found[first], "ms"),
         *(
-            Row("i", way, [a / b for a, b in zip(found[way], found[first], strict=True)],
-                target=BOUND)
+            Row(
+                "i",
+                way,
+                [a / b for a, b in zip(found[way], found[first], strict=True)],
+                target=BOUND,
+            )
             for way in others
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _recorded(scenario: Scenario, place: Path) -> float:
@@ -72,10 +76,23 @@ def _watched(
     def begun(endpoint: str, run: str) -> None:
         with (place / "monitor.log").open("wb") as log:
             monitor = LocalChild(
-                [sys.executable, "-m", "formnet", "monitor", "--connect", endpoint, "--run", run,
-                 "--web", "--leash"],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, start_new_session=True,
-            )  # fmt: skip
+                [
+                    sys.executable,
+                    "-m",
+                    "formnet",
+                    "monitor",
+                    "--connect",
+                    endpoint,
+                    "--run",
+                    run,
+                    "--web",
+                    "--leash",
+                ],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                start_new_session=True,
+            )
         monitors.append(monitor)
         assert monitor.stdout is not None
         if not monitor.stdout.readline().startswith(b"watching"):

@@ -70,12 +70,17 @@ def _subscribe(session: zenoh.Session, key: str, count: int) -> None:
             return
         words = sample.payload.to_bytes().split()
         number, sent_ns = (int(words[0]), int(words[1])) if words else (None, None)
-        received.append({
-            "key": str(sample.key_expr), "number": number,
-            "kind": "PUT" if sample.kind == zenoh.SampleKind.PUT else "DELETE",
-            "sent_ns": sent_ns, "arrived_ns": now_ns, "encoding": str(sample.encoding),
-            "attachment": sample.attachment.to_string() if sample.attachment else None,
-        })  # fmt: skip
+        received.append(
+            {
+                "key": str(sample.key_expr),
+                "number": number,
+                "kind": "PUT" if sample.kind == zenoh.SampleKind.PUT else "DELETE",
+                "sent_ns": sent_ns,
+                "arrived_ns": now_ns,
+                "encoding": str(sample.encoding),
+                "attachment": sample.attachment.to_string() if sample.attachment else None,
+            }
+        )
         if len(received) >= count:
             complete.set()
 

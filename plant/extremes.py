@@ -111,13 +111,17 @@ class Extremes:
         """As in an event: instants in seconds; None for what there is not (a distance of one)."""
         closest = self._closest
         return {
-            "closest": None if closest.value == inf else {
-                "distance_m": closest.value, "robots": closest.robots, "t_s": closest.t_ns / 1e9,
+            "closest": None
+            if closest.value == inf
+            else {
+                "distance_m": closest.value,
+                "robots": closest.robots,
+                "t_s": closest.t_ns / 1e9,
             },
             "top_speed": _told("speed_mps", self._speed),
             "top_turn_rate": _told("turn_rate_radps", self._turn_rate),
             "top_command": _told("torque_nm" if self._dynamic else "speed_mps", self._command),
-        }  # fmt: skip
+        }
 
     def _look(self, t_ns: int, diagonal_m: float) -> None:
         """Compare the pairs that may be closer than ever; of equal ones the first counts."""

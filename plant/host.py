@@ -102,9 +102,13 @@ class Host:
     blocking = True
 
     def __init__(
-        self, session: zenoh.Session, scenario: Scenario, run: str,
-        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        scenario: Scenario,
+        run: str,
+        sink: Callable[[Streamed], None],
+        start_patience_s: float | None = None,
+    ) -> None:
         self._session = session
         self._scenario = scenario
         self._start_patience_s = start_patience_s

@@ -47,9 +47,13 @@ class LockstepPlant(Host):
     """Owns virtual time: a tick is over once every robot that is up has answered it."""
 
     def __init__(
-        self, session: zenoh.Session, scenario: Scenario, run: str,
-        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        scenario: Scenario,
+        run: str,
+        sink: Callable[[Streamed], None],
+        start_patience_s: float | None = None,
+    ) -> None:
         super().__init__(session, scenario, run, sink, start_patience_s)
         self._world = World(scenario)
         self._gone: list[Gone] = []  # who was lost, unplanned
@@ -220,9 +224,14 @@ class LockstepPlant(Host):
         self._wait("meet its neighbours", meeting, self._is_ready, least_s=START_PATIENCE_S)
 
     def _wait(
-        self, what: str, robots: list[int], done: Callable[[int], bool],
-        *, least_s: float = 0.0, dying: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        what: str,
+        robots: list[int],
+        done: Callable[[int], bool],
+        *,
+        least_s: float = 0.0,
+        dying: bool = False,
+    ) -> None:
         """Until ``done`` says yes of all ``robots``.
 
         Who takes too long is lost, unless it is ``dying`` anyway.

@@ -20,11 +20,18 @@ from formnet.plant.watch import Watched
 
 
 def main(
-    scenario: Scenario, *, run: str, record: str | None, stop_at_end_of_input: bool,
-    listen: str | None = None, connect: str | None = None,
-    start_patience_s: float | None = None, keys: Path | None = None, plaintext: bool = False,
+    scenario: Scenario,
+    *,
+    run: str,
+    record: str | None,
+    stop_at_end_of_input: bool,
+    listen: str | None = None,
+    connect: str | None = None,
+    start_patience_s: float | None = None,
+    keys: Path | None = None,
+    plaintext: bool = False,
     lease_s: float = bus.LONG_LEASE_S,
-) -> int:  # fmt: skip
+) -> int:
     """Host a run; returns 0, or 3 if the run did not end by itself.
 
     Robots meet the plant where it listens, or at the Zenoh router at ``connect``, of which it
@@ -40,9 +47,13 @@ def main(
     """
     credentials = None if keys is None else Credentials(keys, PLANT)
     opened = bus.session(
-        listen=listen, connect=connect, credentials=credentials, robots=scenario.ids,
-        plaintext=plaintext, lease_s=lease_s,
-    )  # fmt: skip
+        listen=listen,
+        connect=connect,
+        credentials=credentials,
+        robots=scenario.ids,
+        plaintext=plaintext,
+        lease_s=lease_s,
+    )
     kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error

@@ -48,9 +48,13 @@ class RealtimePlant(Host):
     blocking = False
 
     def __init__(
-        self, session: zenoh.Session, scenario: Scenario, run: str,
-        sink: Callable[[Streamed], None], start_patience_s: float | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        scenario: Scenario,
+        run: str,
+        sink: Callable[[Streamed], None],
+        start_patience_s: float | None = None,
+    ) -> None:
         super().__init__(session, scenario, run, sink, start_patience_s)
         self._world = TimedWorld(scenario)
         self._aborts = scenario.run.on_unscheduled_loss == "abort"

@@ -123,8 +123,20 @@ heading_tolerance_rad = 0.1
 centroid_tolerance_m = 0.1
 window_s = 1.0
 """
-ODD = (1e300, -1e300, 1e-300, 5e-324, 2**63, -(2**63), float("nan"), float("inf"), -float("inf"),
-       0, -0.0, 10**400)  # fmt: skip
+ODD = (
+    1e300,
+    -1e300,
+    1e-300,
+    5e-324,
+    2**63,
+    -(2**63),
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    0,
+    -0.0,
+    10**400,
+)
 """TOML knows nan and inf; what is whole may be of any length."""
 
 
@@ -158,8 +170,11 @@ def odd_texts() -> Iterator[tuple[Place, object, str]]:
             table = changed
             for part in place[:-1]:
                 table = table[part]
-            kind = str({key: value for key, value in table.items() if isinstance(value, str)}
-                       if isinstance(table, dict) else "")  # fmt: skip
+            kind = str(
+                {key: value for key, value in table.items() if isinstance(value, str)}
+                if isinstance(table, dict)
+                else ""
+            )
             if (place, kind) in seen:
                 continue
             seen.add((place, kind))

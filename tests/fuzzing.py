@@ -50,12 +50,24 @@ from formnet.lab.scenarios.packaged import CONFIGS
 
 _STATE = State(1.5, -2.5, 0.25, 0.0, -1e-3)
 _LOCKSTEP: Sequence[messages.Message] = (
-    Join(1, 3), Brief("name = 'x'", 0, [1, 2]), Meet(5, [2]), Ready(1, 0), Gone(3, 17),
-    CatchUp(2, 8), Sense(4, _STATE), Drive(1, 4, 0.5, -0.5), Waiting(2, 9, [1, 3]),
+    Join(1, 3),
+    Brief("name = 'x'", 0, [1, 2]),
+    Meet(5, [2]),
+    Ready(1, 0),
+    Gone(3, 17),
+    CatchUp(2, 8),
+    Sense(4, _STATE),
+    Drive(1, 4, 0.5, -0.5),
+    Waiting(2, 9, [1, 3]),
     Links(1, [LinkRow(0, 5, 2, 1, 0, "delivered"), LinkRow(1, None, 2, 1, 1, "lost: cut")]),
-    Rejected(1, 2, "why", 4), Failed(3, "what"), End(1, "completed", 100), Begin(0), Ask(1, 7),
-    Measured(7, 70_000_000, _STATE), Timing(1, 100, 2, [0.1, 0.2, 0.3], [], -4.0, 1e-4),
-)  # fmt: skip
+    Rejected(1, 2, "why", 4),
+    Failed(3, "what"),
+    End(1, "completed", 100),
+    Begin(0),
+    Ask(1, 7),
+    Measured(7, 70_000_000, _STATE),
+    Timing(1, 100, 2, [0.1, 0.2, 0.3], [], -4.0, 1e-4),
+)
 _NUMBERS = (0, -1, 1, 2**31 - 1, 2**31, 2**63 - 1, 2**63, -(2**63))
 _DOUBLES = (float("nan"), float("inf"), -float("inf"), 1e308, 5e-324, -0.0)
 

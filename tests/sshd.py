@@ -11,9 +11,11 @@ import asyncssh
 
 async def handle(process):
     child = await asyncio.create_subprocess_shell(
-        process.command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+        process.command,
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
+    )
     await process.redirect(stdin=child.stdin, stdout=child.stdout, stderr=child.stderr)
     code = await child.wait()
     if code < 0:
@@ -24,9 +26,13 @@ async def handle(process):
 
 async def main(address, port, host_key, authorized):
     server = await asyncssh.listen(
-        address, int(port), server_host_keys=[host_key], authorized_client_keys=authorized,
-        process_factory=handle, encoding=None,
-    )  # fmt: skip
+        address,
+        int(port),
+        server_host_keys=[host_key],
+        authorized_client_keys=authorized,
+        process_factory=handle,
+        encoding=None,
+    )
     print("listening", flush=True)
     await server.wait_closed()
 

@@ -134,16 +134,37 @@ def test_the_documented_file_is_the_one_that_comes_along(root):
 
 BAD_FILES = {
     "no TOML": ("[network", "not TOML"),
-    "unknown key": ("[network.default]\ndelya = 1", "network.default.delya = 1: unknown key; did you mean 'delay'"),
-    "bad value": ("[network.default]\nloss.probability = 2.0", "network.default.loss.probability = 2.0: must be at most 1"),
+    "unknown key": (
+        "[network.default]\ndelya = 1",
+        "network.default.delya = 1: unknown key; did you mean 'delay'",
+    ),
+    "bad value": (
+        "[network.default]\nloss.probability = 2.0",
+        "network.default.loss.probability = 2.0: must be at most 1",
+    ),
     "no key": ("[[network.links]]\nplayout_s = 1.0", r"network.links\[0\].key: is required"),
-    "bad key": ('[[network.links]]\nkey = "a//b"', r"network.links\[0\].key = 'a//b': 'a//b' is no key expression"),
-    "name of the default": ('[[network.links]]\nkey = "default"', r"key = 'default': 'default' is the name of the link of all other"),
+    "bad key": (
+        '[[network.links]]\nkey = "a//b"',
+        r"network.links\[0\].key = 'a//b': 'a//b' is no key expression",
+    ),
+    "name of the default": (
+        '[[network.links]]\nkey = "default"',
+        r"key = 'default': 'default' is the name of the link of all other",
+    ),
     "not text": (b"\xff\xfe", "not TOML: not UTF-8 text \\(byte 0\\)"),
-    "bad direction": ('[[network.links]]\nkey = "a"\ndirection = "up"', "direction = 'up': must be 'forward', 'backward' or 'both'"),
-    "part of another kind": ('[[network.links]]\nkey = "a"\ndelay.low_s = 0.1', r"network.links\[0\].delay.low_s = 0.1: unknown key"),
-    "missing file": ('[network.default.delay]\ndistribution = "empirical"\nfile = "gone.csv"', "gone.csv cannot be read"),
-}  # fmt: skip
+    "bad direction": (
+        '[[network.links]]\nkey = "a"\ndirection = "up"',
+        "direction = 'up': must be 'forward', 'backward' or 'both'",
+    ),
+    "part of another kind": (
+        '[[network.links]]\nkey = "a"\ndelay.low_s = 0.1',
+        r"network.links\[0\].delay.low_s = 0.1: unknown key",
+    ),
+    "missing file": (
+        '[network.default.delay]\ndistribution = "empirical"\nfile = "gone.csv"',
+        "gone.csv cannot be read",
+    ),
+}
 
 
 @pytest.mark.parametrize(("text", "words"), BAD_FILES.values(), ids=BAD_FILES)
@@ -256,8 +277,14 @@ def test_publications_pass_both_ways_with_everything_they_carry(join):
     for source, target in ((ends.left, ends.right), (ends.right, ends.left)):
         got = ends.subscribed(target, source, "**")
         source.put("other/topic", b"stays")
-        source.put("robot/a", b"\0\xff", encoding="image/png", attachment=b"note",
-                   priority=zenoh.Priority.DATA_HIGH, express=True)  # fmt: skip
+        source.put(
+            "robot/a",
+            b"\0\xff",
+            encoding="image/png",
+            attachment=b"note",
+            priority=zenoh.Priority.DATA_HIGH,
+            express=True,
+        )
         source.delete("robot/a", attachment=b"gone")
         ends.until(lambda got=got: len(about(got, "robot/a")) == 2, "two samples")
         put, deleted = about(got, "robot/a")
@@ -405,9 +432,12 @@ def test_bad_requests_are_refused_with_the_reason(join, path, body, status, word
 @contextmanager
 def program(*command):
     process = subprocess.Popen(
-        [sys.executable, "-m", *command], text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-m", *command],
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     try:
         yield process
     finally:
@@ -436,17 +466,43 @@ def test_two_unmodified_programs_meet_exactly_the_network_that_was_asked_for(tmp
     here, there = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     with ExitStack() as stack:
         publisher = stack.enter_context(
-            program("benchmarks.zenoh_ends", "publish", key, "--listen", here,
-                    "--count", str(COUNT), "--period", "0.002")
-        )  # fmt: skip
+            program(
+                "benchmarks.zenoh_ends",
+                "publish",
+                key,
+                "--listen",
+                here,
+                "--count",
+                str(COUNT),
+                "--period",
+                "0.002",
+            )
+        )
         subscriber = stack.enter_context(
-            program("benchmarks.zenoh_ends", "subscribe", "robot/**", "--listen", there,
-                    "--count", str(len(travel_ns)))
-        )  # fmt: skip
+            program(
+                "benchmarks.zenoh_ends",
+                "subscribe",
+                "robot/**",
+                "--listen",
+                there,
+                "--count",
+                str(len(travel_ns)),
+            )
+        )
         bridge = stack.enter_context(
-            program("formnet", "netem-bridge", "--from", here, "--to", there,
-                    "--key", "robot/**", "--network", str(path))
-        )  # fmt: skip
+            program(
+                "formnet",
+                "netem-bridge",
+                "--from",
+                here,
+                "--to",
+                there,
+                "--key",
+                "robot/**",
+                "--network",
+                str(path),
+            )
+        )
         watchdog = threading.Timer(60.0, subscriber.kill)
         watchdog.start()
         assert subscriber.stdout.readline() == "ready\n"
@@ -485,9 +541,17 @@ def bridge_program(tmp_path, text):
     here, there = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     with ExitStack() as stack:
         bridge = stack.enter_context(
-            program("formnet", "netem-bridge", "--from", f"listen:{here}", "--to", f"listen:{there}",
-                    "--network", str(path))
-        )  # fmt: skip
+            program(
+                "formnet",
+                "netem-bridge",
+                "--from",
+                f"listen:{here}",
+                "--to",
+                f"listen:{there}",
+                "--network",
+                str(path),
+            )
+        )
         assert "bridging" in bridge.stderr.readline()
         left, right = (stack.enter_context(application(end)) for end in (here, there))
         yield bridge, left, right

@@ -65,10 +65,12 @@ def correlation_of_values(values, shares, rho):
 def correlation_on_a_grid(quantile, rho, lowest=-9.0):
     """The same of a distribution by sums over 2501² pairs of normal scores from ``lowest`` to 9."""
     scores, step = np.linspace(lowest, 9.0, 2501, retstep=True)
-    values = np.array([
-        quantile(min(max(0.5 * math.erfc(-z / math.sqrt(2.0)), 2.0**-54), 1.0 - 2.0**-53))
-        for z in scores
-    ])  # fmt: skip
+    values = np.array(
+        [
+            quantile(min(max(0.5 * math.erfc(-z / math.sqrt(2.0)), 2.0**-54), 1.0 - 2.0**-53))
+            for z in scores
+        ]
+    )
     values = values / values.max()
     weights = stats.norm.pdf(scores) * step
     spread = math.sqrt(1.0 - rho * rho)

@@ -43,10 +43,26 @@ def ran(tmp_path_factory):
     install(place, "mine", LAW)
     out = place / "runs" / "mine"
     done = subprocess.run(
-        [sys.executable, "-m", "formnet", "run", SECTION5, "--inline", "--out", out, "--set",
-         "law.kind=mine", "--set", "duration_s=0.2", "--set", "law.w1.bias=0.0"],
-        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(place)},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "run",
+            SECTION5,
+            "--inline",
+            "--out",
+            out,
+            "--set",
+            "law.kind=mine",
+            "--set",
+            "duration_s=0.2",
+            "--set",
+            "law.w1.bias=0.0",
+        ],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(place)},
+    )
     assert done.returncode == 1, done.stderr
     return done.stdout + done.stderr, out
 
@@ -84,9 +100,10 @@ def test_the_figures_name_errors_alone(ran):
 def test_check_has_the_graph_alone(ran, monkeypatch):
     done = subprocess.run(
         [sys.executable, "-m", "formnet", "check", ran[1] / "scenario.toml"],
-        capture_output=True, text=True,
+        capture_output=True,
+        text=True,
         env={**os.environ, "PYTHONPATH": str(ran[1].parents[1])},
-    )  # fmt: skip
+    )
     assert done.returncode == 0
     assert "algebraic connectivity" in done.stdout
     assert not THE_PAPER.search(done.stdout + done.stderr)

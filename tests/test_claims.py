@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from formnet.agent.law import accepts
 from formnet.formation.scenario.loading import load
 from formnet.lab.claims import figures, report
-from formnet.lab.claims.catalogue import COMPARED, catalogue
+from formnet.lab.claims.beyond import COMPARED
+from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
 from formnet.lab.cli import main
@@ -60,9 +61,10 @@ def test_what_is_expected_of_a_case_is_what_its_scenario_expects():
         for case in claim.cases:
             expect = SCENARIOS[claim.key, case.name].expect
             stated = {
-                name: getattr(expect, name) for name in (*ALL_HOLD, "lyapunov")
+                name: getattr(expect, name)
+                for name in (*ALL_HOLD, "lyapunov")
                 if getattr(expect, name) is not None
-            }  # fmt: skip
+            }
             assert stated == case.asked
         assert claim.claimed == any(case.asked for case in claim.cases)
 
@@ -102,20 +104,36 @@ def test_a_kill_is_expected_to_end_as_the_remaining_graph_says(key):
 
 def test_every_robot_is_killed_at_both_times_on_the_ring():
     kills = {
-        (SCENARIOS["killed-ring", c.name].timeline[0].robots,
-         SCENARIOS["killed-ring", c.name].timeline[0].at_s) for c in CLAIMS["killed-ring"].cases
-    }  # fmt: skip
+        (
+            SCENARIOS["killed-ring", c.name].timeline[0].robots,
+            SCENARIOS["killed-ring", c.name].timeline[0].at_s,
+        )
+        for c in CLAIMS["killed-ring"].cases
+    }
     assert kills == {(robot, at_s) for robot in range(1, 6) for at_s in (2.0, 10.0)}
 
 
 def test_delays_are_those_that_are_named():
     scenario = SCENARIOS["delays-differ", "delays-differ"]
-    found = {source: {scenario.link_settings(source, d).constant_ns for s, d in
-                      scenario.directed_links if s == source} for source in scenario.ids}  # fmt: skip
-    assert found == {1: {50_000_000}, 2: {400_000_000}, 3: {100_000_000}, 4: {300_000_000},
-                     5: {200_000_000}}  # fmt: skip
-    delays = [SCENARIOS["delay-independence", c.name].network.default.delay.mean_s
-              for c in CLAIMS["delay-independence"].cases]  # fmt: skip
+    found = {
+        source: {
+            scenario.link_settings(source, d).constant_ns
+            for s, d in scenario.directed_links
+            if s == source
+        }
+        for source in scenario.ids
+    }
+    assert found == {
+        1: {50_000_000},
+        2: {400_000_000},
+        3: {100_000_000},
+        4: {300_000_000},
+        5: {200_000_000},
+    }
+    delays = [
+        SCENARIOS["delay-independence", c.name].network.default.delay.mean_s
+        for c in CLAIMS["delay-independence"].cases
+    ]
     assert delays == [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0]
 
 
@@ -133,9 +151,17 @@ def result(case, *, kind="completed", lost=(), **observed):
         for name in (*ALL_HOLD, "lyapunov")
     }
     outcome = {"kind": kind, "t_s": 3.0, "robot": None, "reason": "why"}
-    return Result(case, {"outcome": outcome, "claims": claims, "settling_time_s": None,
-                         "robots": {"lost": list(lost)},
-                         "trajectory_sha256": "00"}, 1.0)  # fmt: skip
+    return Result(
+        case,
+        {
+            "outcome": outcome,
+            "claims": claims,
+            "settling_time_s": None,
+            "robots": {"lost": list(lost)},
+            "trajectory_sha256": "00",
+        },
+        1.0,
+    )
 
 
 def row(*results):
@@ -215,8 +241,10 @@ def test_the_table_has_a_line_for_every_row_and_goes_into_a_file(tmp_path):
     json.dumps(told, allow_nan=False)
 
 
-@pytest.mark.parametrize("text", ["", report.BEGIN, f"{report.END}{report.BEGIN}",
-                                  f"{report.BEGIN}{report.END}{report.BEGIN}"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    ["", report.BEGIN, f"{report.END}{report.BEGIN}", f"{report.BEGIN}{report.END}{report.BEGIN}"],
+)
 def test_a_file_without_a_place_for_the_table_is_left_alone(tmp_path, text):
     file = tmp_path / "README.md"
     file.write_text(text)
@@ -227,8 +255,11 @@ def test_a_file_without_a_place_for_the_table_is_left_alone(tmp_path, text):
 
 def test_the_summary_marks_every_error_on_the_right_side():
     good, apart, open_ = Case("g", "s", (), ALL_HOLD), Case("a", "s", (), APART), Case("c", "s")
-    rows = [row(result(good, **HOLD)), row(result(apart, **dict.fromkeys(HOLD, False))),
-            row(result(open_, kind="diverged"))]  # fmt: skip
+    rows = [
+        row(result(good, **HOLD)),
+        row(result(apart, **dict.fromkeys(HOLD, False))),
+        row(result(open_, kind="diverged")),
+    ]
     figure = figures.summary(rows)
     marks = [line for line in figure.axes[0].lines if line.get_marker() in ("o", "x")]
     places = [(round(float(m.get_ydata()[0])), float(m.get_xdata()[0])) for m in marks]
@@ -253,8 +284,9 @@ def test_remark_9_s_figure_shows_both_laws_from_the_kill_on():
     figure = figures.compared(*runs)
     assert isinstance(figure, Figure)
     assert [axes.get_title() for axes in figure.axes[:2]] == [
-        "cooperative law (Theorem 4)", "leader-follower control (Desai et al. 2001)",
-    ]  # fmt: skip
+        "cooperative law (Theorem 4)",
+        "leader-follower control (Desai et al. 2001)",
+    ]
 
 
 # --- the command --------------------------------------------------------------------------
@@ -286,10 +318,13 @@ def test_claims_are_run_judged_and_written_down(tmp_path, monkeypatch):
     ("case", "code", "word"),
     [
         (Case("wrong", "paper/theorem2.toml", ("duration_s=0.5",), ALL_HOLD), 1, "FAILS"),
-        (Case("broken", "faults/leader-follower.toml", ('law.parameters={follows={"1"=2}}',)), 3,
-         "BROKEN"),
+        (
+            Case("broken", "faults/leader-follower.toml", ('law.parameters={follows={"1"=2}}',)),
+            3,
+            "BROKEN",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_claim_that_does_not_hold_is_told_with_its_data(tmp_path, monkeypatch, case, code, word):
     claim = Claim("mine", "says", "where", "should", (case,))
     monkeypatch.setattr(command, "catalogue", lambda: [claim])
@@ -326,10 +361,24 @@ def test_the_list_names_every_claim():
 def test_interrupted_claims_end_soon_and_keep_what_is_complete(root, tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-m", "formnet", "claims", "--inline", "--only", "theorem-*", "--only",
-         "20-robots", "--out", str(out)],
-        cwd=root, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "claims",
+            "--inline",
+            "--only",
+            "theorem-*",
+            "--only",
+            "20-robots",
+            "--out",
+            str(out),
+        ],
+        cwd=root,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
     deadline = time.monotonic() + 60.0
     while not list(out.glob("cases/*/*/events.jsonl")):
         assert time.monotonic() < deadline
@@ -354,8 +403,16 @@ def test_the_readme_s_table_is_the_catalogue_s_and_its_numbers_are_those_of_a_ru
     assert [line.split("`")[1] for line in lines] == list(CLAIMS)
     for line, claim in zip(lines, CLAIMS.values(), strict=True):
         assert line.endswith("| observed |" if not claim.claimed else "| holds |")
-    formnet("claims", "--inline", "--only", "theorem-4", "--only", "figures-6-7", "--out",
-            tmp_path / "out")  # fmt: skip
+    formnet(
+        "claims",
+        "--inline",
+        "--only",
+        "theorem-4",
+        "--only",
+        "figures-6-7",
+        "--out",
+        tmp_path / "out",
+    )
     for line in (tmp_path / "out" / "claims.md").read_text().splitlines()[2:]:
         assert line in lines
 

@@ -54,14 +54,22 @@ def imported(*words, complete=None):
         "except SystemExit: pass\n"
         "print(*sys.modules, file=sys.stderr)"
     )
-    asked = {} if complete is None else {
-        "_FORMNET_COMPLETE": "bash_complete", "COMP_WORDS": f"formnet {complete}",
-        "COMP_CWORD": str(len(complete.split(" "))),
-    }  # fmt: skip
+    asked = (
+        {}
+        if complete is None
+        else {
+            "_FORMNET_COMPLETE": "bash_complete",
+            "COMP_WORDS": f"formnet {complete}",
+            "COMP_CWORD": str(len(complete.split(" "))),
+        }
+    )
     done = subprocess.run(
         [sys.executable, "-c", code, *words],
-        capture_output=True, text=True, check=True, env=os.environ | asked,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | asked,
+    )
     assert done.stdout
     found = (name.removeprefix("formnet.lab.") for name in done.stderr.split())
     return {name for name in found if name.startswith("commands")}
@@ -180,8 +188,10 @@ def test_bash_takes_the_script(tmp_path):
     script.write_text(CliRunner().invoke(main, ["completion", "bash"]).stdout, encoding="utf-8")
     done = subprocess.run(
         [bash, "--norc", "-c", f"source {script} && complete -p formnet"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout == "complete -o nosort -F _formnet_completion formnet\n"
 
 

@@ -20,8 +20,10 @@ PACKAGES = ("agent", "formation", "lab", "netem", "plant")
 def test_the_site_builds_strictly_and_loads_nothing_from_elsewhere(tmp_path):
     subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path],
-        cwd=ROOT, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-    )  # fmt: skip
+        cwd=ROOT,
+        check=True,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+    )
     pages = list(tmp_path.rglob("*.html"))
     assert len(pages) > 20
     for page in pages:
@@ -142,9 +144,14 @@ def test_every_command_of_the_tutorial_works(user, tmp_path):
                 stream.write(block.content)
         elif block.language == "sh":
             ran = subprocess.run(
-                ["bash", "-euxo", "pipefail", "-c", block.content], cwd=place, env=user, text=True,
-                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            )  # fmt: skip
+                ["bash", "-euxo", "pipefail", "-c", block.content],
+                cwd=place,
+                env=user,
+                text=True,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+            )
             assert ran.returncode == 0, ran.stdout
             done += 1
     assert done >= 9

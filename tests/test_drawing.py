@@ -72,9 +72,14 @@ def test_robots_have_a_colour_each(robots, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scene = RunFile(tmp_path, scenario)
-        scene.take(Samples([
-            Sample(0, robot, float(robot), 0.0, 0.0, 0.0, 0.0, None, None) for robot in scenario.ids
-        ]))  # fmt: skip
+        scene.take(
+            Samples(
+                [
+                    Sample(0, robot, float(robot), 0.0, 0.0, 0.0, 0.0, None, None)
+                    for robot in scenario.ids
+                ]
+            )
+        )
         scene.close(None)
     (names,) = [
         chunk.to_record_batch().column("Points2D:colors").to_pylist()[0]

@@ -44,8 +44,11 @@ class Place:
     def mount(self, size: str) -> None:
         self.folder.mkdir(exist_ok=True)
         options = f"size={size},mode=0755"
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", self.folder],
-                              capture_output=True, text=True)  # fmt: skip
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", self.folder],
+            capture_output=True,
+            text=True,
+        )
         if done.returncode:
             missing(f"the right to mount a tmpfs ({done.stderr.strip()})")
 
@@ -67,16 +70,28 @@ def place(tmp_path: Path) -> Iterator[Place]:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that is whole."""
     folder = tmp_path_factory.mktemp("recorded") / "runs" / "one"
-    done = subprocess.run([*FORMNET, "run", "section5", *NO_CLAIMS, "--out", folder],
-                          capture_output=True, text=True)  # fmt: skip
+    done = subprocess.run(
+        [*FORMNET, "run", "section5", *NO_CLAIMS, "--out", folder], capture_output=True, text=True
+    )
     assert done.returncode == ALL_HOLD, done.stderr
     return folder
 
 
-def started(arguments: list[object], cwd: Path, env: dict[str, str], stdout: object,
-            stderr: object = subprocess.PIPE) -> "subprocess.Popen[bytes]":  # fmt: skip
-    return subprocess.Popen([*FORMNET, *map(str, arguments)], cwd=cwd, env=env, stdout=stdout,
-                            stderr=stderr, stdin=subprocess.DEVNULL)  # fmt: skip
+def started(
+    arguments: list[object],
+    cwd: Path,
+    env: dict[str, str],
+    stdout: object,
+    stderr: object = subprocess.PIPE,
+) -> "subprocess.Popen[bytes]":
+    return subprocess.Popen(
+        [*FORMNET, *map(str, arguments)],
+        cwd=cwd,
+        env=env,
+        stdout=stdout,
+        stderr=stderr,
+        stdin=subprocess.DEVNULL,
+    )
 
 
 def said(arguments: list[object], cwd: Path, env: dict[str, str] | None = None) -> tuple[int, str]:
@@ -122,9 +137,19 @@ def test_a_full_disk_is_a_sentence_and_exit_code_3(place, tmp_path, size, engine
     place.mount(size)
     out = place.folder / "run"
     code, text = said(
-        ["run", "section5-delay", *engine, "--set", "duration_s=2.0", "--set", "expect={}",
-         "--out", out], tmp_path,
-    )  # fmt: skip
+        [
+            "run",
+            "section5-delay",
+            *engine,
+            "--set",
+            "duration_s=2.0",
+            "--set",
+            "expect={}",
+            "--out",
+            out,
+        ],
+        tmp_path,
+    )
     assert code == BROKEN, text
     assert "No space left on device" in text
     names = readable(out)
@@ -150,8 +175,10 @@ def test_events_that_found_no_room_are_written_when_there_is_some(tmp_path, pape
     recording(Event("last tick", 2, {}))
     assert recording.save() == []
     assert [line["event"] for line in event_lines(tmp_path / "run")] == [
-        "started", "waiting", "last tick",
-    ]  # fmt: skip
+        "started",
+        "waiting",
+        "last tick",
+    ]
 
 
 def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
@@ -161,8 +188,11 @@ def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
     place.mount("32k")
     scenario = paper("section5", "duration_s=2.0")
     scene = RunFile(place.folder, scenario)
-    rows = [Sample(k * 10**7, robot, float(k), 0.0, 0.0, 0.0, 0.0, None, None)
-            for k in range(200) for robot in scenario.ids]  # fmt: skip
+    rows = [
+        Sample(k * 10**7, robot, float(k), 0.0, 0.0, 0.0, 0.0, None, None)
+        for k in range(200)
+        for robot in scenario.ids
+    ]
     scene.take(Samples(rows))
     with pytest.raises(OSError, match="No space left on device"):
         scene.close(None)
@@ -174,8 +204,13 @@ def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
 
 def test_a_reader_who_leaves_after_a_line_stops_no_saving(tmp_path):
     out = tmp_path / "run"
-    process = started(["run", "section5", *NO_CLAIMS, "--no-figures", "--out", out], tmp_path,
-                      environment(), subprocess.PIPE, subprocess.STDOUT)  # fmt: skip
+    process = started(
+        ["run", "section5", *NO_CLAIMS, "--no-figures", "--out", out],
+        tmp_path,
+        environment(),
+        subprocess.PIPE,
+        subprocess.STDOUT,
+    )
     assert process.stdout is not None
     process.stdout.readline()
     process.stdout.close()
@@ -187,9 +222,12 @@ def test_what_an_encoding_lacks_is_escaped(recorded, tmp_path):
     env = environment(PYTHONIOENCODING="latin-1")
     for command in (
         ["run", "section5", *NO_CLAIMS, "--out", tmp_path / "run"],
-        ["list", recorded.parent], ["verify", recorded], ["compare", recorded, recorded],
-        ["check", "section5"], ["doctor"],
-    ):  # fmt: skip
+        ["list", recorded.parent],
+        ["verify", recorded],
+        ["compare", recorded, recorded],
+        ["check", "section5"],
+        ["doctor"],
+    ):
         code, text = said(command, tmp_path, env)
         assert code == (BROKEN if "problems:" in text else ALL_HOLD), text
     assert "report.html" in readable(tmp_path / "run")
@@ -219,8 +257,12 @@ def test_output_that_finds_no_room_is_an_error_of_the_environment(recorded, tmp_
 
 def test_a_hang_up_ends_a_run_in_order(tmp_path):
     out = tmp_path / "run"
-    process = started(["run", "section5", "--no-figures", "--set", "duration_s=600", "--out", out],
-                      tmp_path, environment(), subprocess.DEVNULL)  # fmt: skip
+    process = started(
+        ["run", "section5", "--no-figures", "--set", "duration_s=600", "--out", out],
+        tmp_path,
+        environment(),
+        subprocess.DEVNULL,
+    )
     assert process.stderr is not None
     for line in process.stderr:
         if b"started" in line:
@@ -236,10 +278,25 @@ def test_a_hang_up_ends_a_run_in_order(tmp_path):
 def test_a_hang_up_is_nothing_to_what_nohup_started(tmp_path):
     out = tmp_path / "run"
     process = subprocess.Popen(
-        ["nohup", *FORMNET, "run", "section5", "--inline", "--no-figures", "--set", "duration_s=4",
-         "--set", "expect={}", "--out", out],
-        cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [
+            "nohup",
+            *FORMNET,
+            "run",
+            "section5",
+            "--inline",
+            "--no-figures",
+            "--set",
+            "duration_s=4",
+            "--set",
+            "expect={}",
+            "--out",
+            out,
+        ],
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     assert process.stderr is not None
     for line in process.stderr:
         if b"started" in line:
@@ -261,9 +318,13 @@ def test_ctrl_c_at_any_early_moment_is_130_without_a_traceback(tmp_path):
     )
     for number in range(14):
         command = draw.choice((["run", "section5", "--out", f"run-{number}"], ["list"], ["laws"]))
-        process = subprocess.Popen([sys.executable, "-c", program, *command], cwd=tmp_path,
-                                   env=environment(), stdout=subprocess.PIPE,
-                                   stderr=subprocess.STDOUT)  # fmt: skip
+        process = subprocess.Popen(
+            [sys.executable, "-c", program, *command],
+            cwd=tmp_path,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
         assert process.stdout is not None
         process.stdout.readline()
         timer = threading.Timer(0.02 + 1.2 * draw.random(), process.send_signal, (signal.SIGINT,))
@@ -292,20 +353,27 @@ def test_commands_anywhere(recorded, place, tmp_path):
         if protected:
             place.protect()
         out = place.folder / "out"
-        command, writes = draw.choice([
-            (["run", "section5", *NO_CLAIMS, "--out", out], True),
-            (["run", "section5", *SHORT, "--no-figures", "--out", out], True),
-            (["run", "theorem1", *SHORT, "--out", out], True),
-            (["plot", recorded, "--out", out], True),
-            (["compare", recorded, recorded, "--out", out], True),
-            (["export", recorded, "--format", "csv", "--out", out], True),
-            (["schema", "--out", out], True),
-            (["new", "n", "--out", out], True),
-            (["claims", "--inline", "--only", "no-such", "--out", out], False),
-            (["list", recorded.parent], False), (["check", "every-fault"], False),
-            (["verify", recorded], False), (["scenarios"], False), (["laws"], False),
-            (["claims", "--list"], False), (["schema"], False), (["run", "no-such"], False),
-        ])  # fmt: skip
+        command, writes = draw.choice(
+            [
+                (["run", "section5", *NO_CLAIMS, "--out", out], True),
+                (["run", "section5", *SHORT, "--no-figures", "--out", out], True),
+                (["run", "theorem1", *SHORT, "--out", out], True),
+                (["plot", recorded, "--out", out], True),
+                (["compare", recorded, recorded, "--out", out], True),
+                (["export", recorded, "--format", "csv", "--out", out], True),
+                (["schema", "--out", out], True),
+                (["new", "n", "--out", out], True),
+                (["claims", "--inline", "--only", "no-such", "--out", out], False),
+                (["list", recorded.parent], False),
+                (["check", "every-fault"], False),
+                (["verify", recorded], False),
+                (["scenarios"], False),
+                (["laws"], False),
+                (["claims", "--list"], False),
+                (["schema"], False),
+                (["run", "no-such"], False),
+            ]
+        )
         env = environment(
             PYTHONIOENCODING=draw.choice(("utf-8", "latin-1", "ascii")),
             COLUMNS=str(draw.choice((1, 7, 20, 40, 80, 200))),
@@ -359,8 +427,10 @@ def test_parallel_starts_into_one_folder_leave_one_run(tmp_path):
         )
         for seed in range(1, 7)
     }
-    codes = {seed: (run.communicate(timeout=180)[1].decode(), run.returncode)[1]
-             for seed, run in runs.items()}  # fmt: skip
+    codes = {
+        seed: (run.communicate(timeout=180)[1].decode(), run.returncode)[1]
+        for seed, run in runs.items()
+    }
     winners = [seed for seed, code in codes.items() if code == ALL_HOLD]
     assert len(winners) == 1, codes
     assert set(codes.values()) == {ALL_HOLD, BAD_INPUT}
@@ -410,9 +480,10 @@ def test_an_out_that_exists_is_refused_before_the_law_is_tried(tmp_path):
     (tmp_path / "taken" / "something").touch()
     began = time.monotonic()
     code, text = said(
-        ["run", "section5", *SHORT, "--set", "law.kind=slow", "--out", tmp_path / "taken"], tmp_path,
+        ["run", "section5", *SHORT, "--set", "law.kind=slow", "--out", tmp_path / "taken"],
+        tmp_path,
         environment(PYTHONPATH=str(tmp_path)),
-    )  # fmt: skip
+    )
     assert code == BAD_INPUT
     assert "exists already" in text
     assert time.monotonic() - began < 20.0
@@ -426,9 +497,21 @@ def test_a_signal_before_the_first_tick_ends_a_run_as_interrupted(tmp_path):
     for number in range(4):
         engine = ["--inline"] if number % 2 else []
         out = tmp_path / f"run-{number}"
-        process = started(["run", "section5-delay", *engine, "--no-figures", "--set",
-                           "duration_s=300", "--out", out], tmp_path, environment(),
-                          subprocess.DEVNULL)  # fmt: skip
+        process = started(
+            [
+                "run",
+                "section5-delay",
+                *engine,
+                "--no-figures",
+                "--set",
+                "duration_s=300",
+                "--out",
+                out,
+            ],
+            tmp_path,
+            environment(),
+            subprocess.DEVNULL,
+        )
         if not engine:
             while not (out / "scenario.toml").exists():
                 assert process.poll() is None
@@ -450,8 +533,14 @@ def test_names_that_are_no_text(recorded, tmp_path):
     code, text = said(["run", "section5", *NO_CLAIMS, "--out", place], tmp_path)
     assert code == ALL_HOLD, text
     assert {STATES, LINKS, "verdict.json", "report.html", "run.rrd"} <= readable(Path(place))
-    for command in (["list"], ["verify", place], ["compare", place, recorded], ["plot", place],
-                    ["report", place], ["export", place, "--format", "csv"]):  # fmt: skip
+    for command in (
+        ["list"],
+        ["verify", place],
+        ["compare", place, recorded],
+        ["plot", place],
+        ["report", place],
+        ["export", place, "--format", "csv"],
+    ):
         code, text = said(command, tmp_path)
         assert code == ALL_HOLD, text
     code, text = said(["run", "section5", *NO_CLAIMS, "--no-figures"], tmp_path)
@@ -464,8 +553,21 @@ def test_what_is_said_not_to_be_written_is_not_there(place, tmp_path):
     for size in ("56k", "64k", "72k", "88k"):
         place.mount(size)
         out = place.folder / "run"
-        code, text = said(["run", "section5-delay", "--inline", "--no-figures", "--set",
-                           "duration_s=1.0", "--set", "expect={}", "--out", out], tmp_path)  # fmt: skip
+        code, text = said(
+            [
+                "run",
+                "section5-delay",
+                "--inline",
+                "--no-figures",
+                "--set",
+                "duration_s=1.0",
+                "--set",
+                "expect={}",
+                "--out",
+                out,
+            ],
+            tmp_path,
+        )
         assert code == BROKEN
         names = readable(out)
         for name in (STATES, LINKS, "verdict.json"):
@@ -474,10 +576,13 @@ def test_what_is_said_not_to_be_written_is_not_there(place, tmp_path):
 
 
 def test_what_found_no_room_leaves_no_folder(recorded, place, tmp_path):
-    for command in (["nemesis", "section5-delay", "--runs", "1", "--inline", "--out"],
-                    ["compare", recorded, recorded, "--out"], ["plot", recorded, "--out"],
-                    ["export", recorded, "--format", "csv", "--out"],
-                    ["run", "section5", *NO_CLAIMS, "--out"]):  # fmt: skip
+    for command in (
+        ["nemesis", "section5-delay", "--runs", "1", "--inline", "--out"],
+        ["compare", recorded, recorded, "--out"],
+        ["plot", recorded, "--out"],
+        ["export", recorded, "--format", "csv", "--out"],
+        ["run", "section5", *NO_CLAIMS, "--out"],
+    ):
         place.mount("8k")
         (place.folder / "filler").write_bytes(b"x" * 8192)
         code, text = said([*command, place.folder / "out"], tmp_path)

@@ -18,18 +18,31 @@ TALKER = EXAMPLES / "zenoh_talker"
 
 def test_the_own_law_passes_its_own_tests(tmp_path):
     subprocess.run(
-        [sys.executable, "-B", "-m", "pytest", "-p", "no:cacheprovider", "-c",
-         EXAMPLES / "own_law" / "pyproject.toml", EXAMPLES / "own_law"],
-        check=True, cwd=tmp_path,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-B",
+            "-m",
+            "pytest",
+            "-p",
+            "no:cacheprovider",
+            "-c",
+            EXAMPLES / "own_law" / "pyproject.toml",
+            EXAMPLES / "own_law",
+        ],
+        check=True,
+        cwd=tmp_path,
+    )
 
 
 @contextmanager
 def program(*command):
     process = subprocess.Popen(
-        [sys.executable, "-B", *map(str, command)], text=True, cwd=TALKER,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
+        [sys.executable, "-B", *map(str, command)],
+        text=True,
+        cwd=TALKER,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     try:
         yield process
     finally:
@@ -45,10 +58,19 @@ def test_plain_zenoh_programs_meet_the_link_that_is_put_between_them(way):
         assert hearer.stdout.readline() == "listening\n"
         if way == "bridge":
             teller = stack.enter_context(program("talker.py", "tell", near, "--listen"))
-            bridge = stack.enter_context(program(
-                "-m", "formnet", "netem-bridge", "--from", near, "--to", far,
-                "--network", "radio.toml",
-            ))  # fmt: skip
+            bridge = stack.enter_context(
+                program(
+                    "-m",
+                    "formnet",
+                    "netem-bridge",
+                    "--from",
+                    near,
+                    "--to",
+                    far,
+                    "--network",
+                    "radio.toml",
+                )
+            )
         elif way == "library":
             teller = stack.enter_context(program("talker_with_netem.py", far))
         else:
@@ -71,10 +93,21 @@ def test_every_cell_of_the_notebook_runs_on_a_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     out = subprocess.run(
-        [sys.executable, "-m", "formnet", "run", "section5-delay", "--inline", "--out", "first",
-         "--set", "duration_s=0.5"],
-        capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "run",
+            "section5-delay",
+            "--inline",
+            "--out",
+            "first",
+            "--set",
+            "duration_s=0.5",
+        ],
+        capture_output=True,
+        text=True,
+    )
     assert out.returncode == 1, out.stderr  # half a second is too short for the claims
     notebook = json.loads((EXAMPLES / "notebook.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]

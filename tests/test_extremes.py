@@ -104,14 +104,18 @@ def test_extremes_are_those_of_all_ticks_and_pairs(motion):
 
 @settings(max_examples=40)
 @given(
-    st.integers(0, 2**32), st.integers(2, 20), st.sampled_from([1e-3, 1e-2, 0.3]),
+    st.integers(0, 2**32),
+    st.integers(2, 20),
+    st.sampled_from([1e-3, 1e-2, 0.3]),
     st.sampled_from([0.0, 3.0]),
-)  # fmt: skip
+)
 def test_a_swarm_that_moves_smoothly_has_the_same_extremes(seed, count, pace, drift):
     """Everybody swings along both axes, so that pairs part and meet again."""
     draw, ids = random.Random(seed), list(range(1, count + 1))
-    swings = {robot: [(draw.uniform(1, 9), draw.uniform(0.2, 3), draw.uniform(0, 6))
-                      for _ in range(2)] for robot in ids}  # fmt: skip
+    swings = {
+        robot: [(draw.uniform(1, 9), draw.uniform(0.2, 3), draw.uniform(0, 6)) for _ in range(2)]
+        for robot in ids
+    }
 
     def place(robot, t):
         x, y = (size * math.sin(rate * t + phase) for size, rate, phase in swings[robot])
@@ -204,10 +208,18 @@ def two(*more, level="kinematic"):
         "robots=[{id=7, offset_m=[0.0, 0.0], start={x_m=-0.481, y_m=0.0, heading_rad=0.0}}, "
         "{id=3, offset_m=[1.0, 0.0], start={x_m=0.481, y_m=0.096, heading_rad=0.0}}]"
     )
-    return load(CONFIGS / "paper" / "theorem4.toml", [
-        passing, "formation.edges=[[7,3]]", f"law.level={level}", "duration_s=0.05",
-        "clock.control_period_s=0.001", "clock.broadcast_period_s=0.01", *more,
-    ])  # fmt: skip
+    return load(
+        CONFIGS / "paper" / "theorem4.toml",
+        [
+            passing,
+            "formation.edges=[[7,3]]",
+            f"law.level={level}",
+            "duration_s=0.05",
+            "clock.control_period_s=0.001",
+            "clock.broadcast_period_s=0.01",
+            *more,
+        ],
+    )
 
 
 def driven_to_the_end(world, command, shuffle=lambda robots: robots):
@@ -228,8 +240,9 @@ def test_what_lies_between_two_broadcasts_is_seen():
     assert found["closest"]["distance_m"] == pytest.approx(0.096, abs=1e-12)
     assert (found["closest"]["robots"], found["closest"]["t_s"]) == ([7, 3], 0.013)
     rows = world.take_samples()
-    sampled = [math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-               for a, b in zip(rows[::2], rows[1::2], strict=True)]  # fmt: skip
+    sampled = [
+        math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) for a, b in zip(rows[::2], rows[1::2], strict=True)
+    ]
     assert min(sampled) == pytest.approx(math.hypot(0.962 - 0.74, 0.096), abs=1e-9)
     assert found["top_speed"] == {"speed_mps": 37.0, "robot": 7, "t_s": 0.001}
     assert found["top_turn_rate"] == {"turn_rate_radps": 0.0, "robot": 7, "t_s": 0.0}
@@ -248,10 +261,15 @@ def test_a_command_counts_before_the_wheel_s_limit_and_in_either_wheel():
 def test_a_robot_that_is_dead_can_be_hit_and_is_no_source_of_commands():
     """Robot 3 dies where it started and stands; robot 7 drives by."""
     world = driven_to_the_end(
-        World(two('timeline=[{action="kill", at_s=0.0, robots=3}]', "plant.body_on_failure=freeze",
-                  "run.on_unscheduled_loss=continue")),
+        World(
+            two(
+                'timeline=[{action="kill", at_s=0.0, robots=3}]',
+                "plant.body_on_failure=freeze",
+                "run.on_unscheduled_loss=continue",
+            )
+        ),
         lambda *_: (37.0, 0.0),
-    )  # fmt: skip
+    )
     found = world.extremes.details()
     assert found["closest"]["robots"] == [7, 3]
     assert found["closest"]["t_s"] == 0.026  # after 0.962 m at 37 m/s
@@ -272,8 +290,11 @@ def test_where_everybody_is_down_bodies_move_on():
 def test_the_order_of_answers_does_not_matter(seed, level):
     """Commands from few values, so that ties are the rule."""
     draw = random.Random(seed)
-    asked = {(robot, tick): (draw.choice([1.0, -5.0, 5.0]), draw.choice([0.0, 5.0]))
-             for robot in (7, 3) for tick in range(51)}  # fmt: skip
+    asked = {
+        (robot, tick): (draw.choice([1.0, -5.0, 5.0]), draw.choice([0.0, 5.0]))
+        for robot in (7, 3)
+        for tick in range(51)
+    }
 
     def shuffled(robots):
         draw.shuffle(robots)

@@ -58,10 +58,11 @@ def timeline(*actions):
 
 spans = st.lists(
     st.tuples(st.integers(0, 60), st.booleans()), unique_by=lambda item: item[0], max_size=8
-).map(lambda marks: [
-    Span(begin, end, killed)
-    for (begin, killed), (end, _) in list(pairwise(sorted(marks)))[::2]
-])  # fmt: skip
+).map(
+    lambda marks: [
+        Span(begin, end, killed) for (begin, killed), (end, _) in list(pairwise(sorted(marks)))[::2]
+    ]
+)
 
 
 @settings(max_examples=200)
@@ -167,19 +168,43 @@ def test_a_random_choice_is_of_those_it_can_happen_to_and_depends_on_the_seed():
 
 
 BAD = {
-    "restart of one that lives": ('{action="restart", at_s=1.0, robots=2}', r"timeline\[0\]: cannot restart robot 2: it is up then"),
-    "killed twice": (f"{kill(1.0, 2)}, {kill(2.0, 2)}", r"timeline\[1\]: cannot kill robot 2: it is dead then"),
-    "pause of a dead one": (f"{kill(1.0, 2)}, {pause(2.0, 2)}", r"timeline\[1\]: cannot pause robot 2: it is dead then"),
-    "resume of a dead one": (f'{kill(1.0, 2)}, {{action="resume", at_s=2.0, robots=2}}', r"cannot resume robot 2: it is dead then"),
-    "restarted already": (f'{kill(1.0, 2, 3.0)}, {{action="restart", at_s=2.0, robots=2}}', r"timeline\[0\]: cannot restart robot 2: it is up then"),
-    "twice at one tick": (f'{kill(1.0, 2)}, {{action="restart", at_s=1.0, robots=2}}', r"timeline\[1\]: cannot restart robot 2: it is killed at that tick, and must be down for one tick at least before it is restarted"),
-    "reborn and killed": (f"{kill(1.0, 2, 1.0)}, {kill(2.0, 2)}", r"timeline\[1\]: cannot kill robot 2: it is restarted at that tick, and must be up for one tick at least before it is killed"),
-    "unknown robot": (kill(1.0, 9), r"timeline\[0\]: robot 9 does not exist \(robots: 1, 2, 3, 4, 5\)"),
+    "restart of one that lives": (
+        '{action="restart", at_s=1.0, robots=2}',
+        r"timeline\[0\]: cannot restart robot 2: it is up then",
+    ),
+    "killed twice": (
+        f"{kill(1.0, 2)}, {kill(2.0, 2)}",
+        r"timeline\[1\]: cannot kill robot 2: it is dead then",
+    ),
+    "pause of a dead one": (
+        f"{kill(1.0, 2)}, {pause(2.0, 2)}",
+        r"timeline\[1\]: cannot pause robot 2: it is dead then",
+    ),
+    "resume of a dead one": (
+        f'{kill(1.0, 2)}, {{action="resume", at_s=2.0, robots=2}}',
+        r"cannot resume robot 2: it is dead then",
+    ),
+    "restarted already": (
+        f'{kill(1.0, 2, 3.0)}, {{action="restart", at_s=2.0, robots=2}}',
+        r"timeline\[0\]: cannot restart robot 2: it is up then",
+    ),
+    "twice at one tick": (
+        f'{kill(1.0, 2)}, {{action="restart", at_s=1.0, robots=2}}',
+        r"timeline\[1\]: cannot restart robot 2: it is killed at that tick, and must be down for one tick at least before it is restarted",
+    ),
+    "reborn and killed": (
+        f"{kill(1.0, 2, 1.0)}, {kill(2.0, 2)}",
+        r"timeline\[1\]: cannot kill robot 2: it is restarted at that tick, and must be up for one tick at least before it is killed",
+    ),
+    "unknown robot": (
+        kill(1.0, 9),
+        r"timeline\[0\]: robot 9 does not exist \(robots: 1, 2, 3, 4, 5\)",
+    ),
     "no robots": (kill(1.0, "[]"), r"timeline\[0\]\.robots = \[\]: needs 1 or more"),
     "random of none": (kill(1.0, "{random=0}"), r"robots\.random = 0: must be at least 1"),
     "restart at once": (kill(1.0, 2, 0.0), r"restart_after_s = 0\.0: must be at least 1e-09"),
     "missing robots": ('{action="kill", at_s=1.0}', r"timeline\[0\]\.robots: is required"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -191,28 +216,40 @@ def test_a_fault_that_cannot_happen_is_named(paper, case):
 
 def test_all_faults_that_cannot_happen_are_named_at_once(paper):
     actions = [
-        kill(1.0, 9), '{action="restart", at_s=1.0, robots=2}', kill(2.0, 3),
-        '{action="resume", at_s=3.0, robots=3}', '{action="cut", at_s=1.0, links=[[1, 7]]}',
-    ]  # fmt: skip
+        kill(1.0, 9),
+        '{action="restart", at_s=1.0, robots=2}',
+        kill(2.0, 3),
+        '{action="resume", at_s=3.0, robots=3}',
+        '{action="cut", at_s=1.0, links=[[1, 7]]}',
+    ]
     with pytest.raises(ScenarioError) as caught:
         paper("section5-delay", timeline(", ".join(actions)))
     assert sorted(problem.place for problem in caught.value.problems) == [
-        "timeline[0]", "timeline[1]", "timeline[3]", "timeline[4]"
-    ]  # fmt: skip
+        "timeline[0]",
+        "timeline[1]",
+        "timeline[3]",
+        "timeline[4]",
+    ]
 
 
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("neighbours.on_silence=forget", "neighbours.on_silence = 'forget': must be 'hold' or 'drop'"),
-        ("neighbours.silence_s=0.001", r"neighbours\.silence_s = 0\.001: must be at least clock\.broadcast_period_s = 0\.01"),
+        (
+            "neighbours.on_silence=forget",
+            "neighbours.on_silence = 'forget': must be 'hold' or 'drop'",
+        ),
+        (
+            "neighbours.silence_s=0.001",
+            r"neighbours\.silence_s = 0\.001: must be at least clock\.broadcast_period_s = 0\.01",
+        ),
         ("neighbours.playout=fixed", 'playout = "fixed" needs playout_s'),
         ("plant.body_on_failure=explode", "must be 'brake', 'coast' or 'freeze'"),
         ("plant.brake_time_s=0.0", "plant.brake_time_s = 0.0: must be at least 1e-09"),
         ("run.on_unscheduled_loss=panic", "must be 'continue' or 'abort'"),
         ("run.patience_s=0.1", "run.patience_s = 0.1: must be at least 0.5"),
     ],
-)  # fmt: skip
+)
 def test_bad_settings_are_named(paper, override, words):
     with pytest.raises(ScenarioError, match=words):
         paper("section5-delay", override)
@@ -222,9 +259,12 @@ def test_bad_settings_are_named(paper, override, words):
 
 
 @given(
-    st.floats(-50, 50), st.floats(-8, 8), st.floats(-3, 3),
-    st.floats(1e-4, 0.5), st.floats(0.01, 2.0),
-)  # fmt: skip
+    st.floats(-50, 50),
+    st.floats(-8, 8),
+    st.floats(-3, 3),
+    st.floats(1e-4, 0.5),
+    st.floats(0.01, 2.0),
+)
 def test_braking_is_the_solution_of_its_equation(speed, turn_rate, heading, period, brake_time):
     def motion(_t, s):
         return [
@@ -243,10 +283,16 @@ def test_braking_is_the_solution_of_its_equation(speed, turn_rate, heading, peri
 @pytest.mark.parametrize("level", ["dynamic", "kinematic"])
 @pytest.mark.parametrize("what", ["brake", "coast", "freeze"])
 def test_the_body_of_a_dead_robot_does_what_it_is_told(paper, level, what):
-    found = collected(paper(
-        "section5-delay", "duration_s=2.0", f"law.level={level}",
-        f"plant.body_on_failure={what}", "plant.brake_time_s=0.1", timeline(kill(1.0, 3)),
-    ))  # fmt: skip
+    found = collected(
+        paper(
+            "section5-delay",
+            "duration_s=2.0",
+            f"law.level={level}",
+            f"plant.body_on_failure={what}",
+            "plant.brake_time_s=0.1",
+            timeline(kill(1.0, 3)),
+        )
+    )
     states = found.trajectories.states[:, 2]
     at = {k: states[100 * k // 100] for k in (100, 101, 200)}
     before = states[100]  # as it was when it was killed
@@ -271,10 +317,13 @@ def test_the_body_of_a_dead_robot_does_what_it_is_told(paper, level, what):
 
 fault_plans = st.lists(
     st.tuples(
-        st.sampled_from(["kill", "pause"]), st.integers(1, 5), st.integers(0, 30), st.integers(1, 12)
+        st.sampled_from(["kill", "pause"]),
+        st.integers(1, 5),
+        st.integers(0, 30),
+        st.integers(1, 12),
     ),
     max_size=5,
-)  # fmt: skip
+)
 
 
 @settings(max_examples=60)
@@ -288,10 +337,14 @@ def test_every_message_has_one_fate_at_every_neighbour_and_the_dead_are_silent(p
             down[robot] = begin + length
             actions.append((kill if verb == "kill" else pause)(begin / 100, robot, length / 100))
     scenario = paper(
-        "section5-delay", "duration_s=0.5", "clock.control_period_s=0.005", f"seed={seed}",
+        "section5-delay",
+        "duration_s=0.5",
+        "clock.control_period_s=0.005",
+        f"seed={seed}",
         'network.default.delay={distribution="uniform", low_s=0.0, high_s=0.05}',
-        "network.default.loss.probability=0.1", timeline(*actions),
-    )  # fmt: skip
+        "network.default.loss.probability=0.1",
+        timeline(*actions),
+    )
     found = collected(scenario)
     roster = scenario.roster()
     assert found.outcome.kind == "completed"
@@ -388,8 +441,13 @@ def test_a_silent_neighbour_is_held_if_asked(paper):
 
 def test_fixed_playout_makes_random_delay_constant(paper):
     random = 'network.default.delay={distribution="uniform", low_s=0.0, high_s=0.2}'
-    scenario = paper("section5-delay", "duration_s=1.0", random,
-                     "neighbours.playout=fixed", "neighbours.playout_s=0.15")  # fmt: skip
+    scenario = paper(
+        "section5-delay",
+        "duration_s=1.0",
+        random,
+        "neighbours.playout=fixed",
+        "neighbours.playout_s=0.15",
+    )
     rows = collected(scenario).link_rows
     assert {row.t_usable_ns - row.t_sent_ns for row in rows if row.t_usable_ns} == {150 * MS}
     assert 0.15 < np.mean([row.fate == "lost: late" for row in rows]) < 0.35

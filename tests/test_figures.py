@@ -38,10 +38,16 @@ def recorded(scenario, headings_rad=None, seconds=3, end_ns=None):
     if headings_rad is None:
         headings_rad = np.zeros((seconds * 100 + 1, len(scenario.ids)))
     for tick, row in enumerate(np.asarray(headings_rad, dtype=float).tolist()):
-        run(Samples([
-            Sample(tick * 10**7, robot, float(x), float(y), heading, 0.0, 0.0, None, None)
-            for robot, (x, y), heading in zip(scenario.ids, scenario.offsets_m, row, strict=True)
-        ]))  # fmt: skip
+        run(
+            Samples(
+                [
+                    Sample(tick * 10**7, robot, float(x), float(y), heading, 0.0, 0.0, None, None)
+                    for robot, (x, y), heading in zip(
+                        scenario.ids, scenario.offsets_m, row, strict=True
+                    )
+                ]
+            )
+        )
     run(Outcome("completed", run.now_ns() if end_ns is None else end_ns, None, ""))
     return run
 
@@ -57,8 +63,9 @@ def patterns(run):
             frozenset(tuple(np.round(point, 9).tolist()) for point in line[[0, -1]])
             for line in map(np.asarray, item.get_segments())
         }
-        for item in end.collections if isinstance(item, LineCollection)
-    }  # fmt: skip
+        for item in end.collections
+        if isinstance(item, LineCollection)
+    }
     return lines, [line for line in end.lines if line.get_linestyle() != "None"]
 
 
@@ -124,8 +131,11 @@ def test_even_five_hundred_differ():
 
 
 def looks(axes):
-    return [(line.get_color(), line.get_linestyle()) for line in axes.lines
-            if line.get_label().startswith("robot ")]  # fmt: skip
+    return [
+        (line.get_color(), line.get_linestyle())
+        for line in axes.lines
+        if line.get_label().startswith("robot ")
+    ]
 
 
 def test_twenty_robots_can_be_told_apart_in_every_figure():
@@ -140,8 +150,15 @@ def test_twenty_robots_can_be_told_apart_in_every_figure():
         assert len(legend.get_texts()) == 20
     nodes = [line.get_color() for line in graph(run).axes[0].lines if line.get_marker() == "o"]
     assert len(set(nodes)) == 20
-    assert len({line.get_color() for line in figures.thumbnail(
-        scenario, run.trajectories).axes[0].lines}) == 20  # fmt: skip
+    assert (
+        len(
+            {
+                line.get_color()
+                for line in figures.thumbnail(scenario, run.trajectories).axes[0].lines
+            }
+        )
+        == 20
+    )
     run(kill)
     motion = compared(run, run).axes[2]
     assert len({line.get_color() for line in motion.lines}) == 20
@@ -254,8 +271,15 @@ def legend_of(figure):
     "wish", [{"robots": 12, "pattern": "wedge"}, {"robots": 20, "pattern": "grid"}, {"robots": 3}]
 )
 def test_the_damping_covers_no_robot(wish):
-    figure = graph(recorded(scenario_of(*(
-        f"robots.{k}.damping={1.0 + k / 10}" for k in range(1, wish["robots"] + 1)), **wish), seconds=1))  # fmt: skip
+    figure = graph(
+        recorded(
+            scenario_of(
+                *(f"robots.{k}.damping={1.0 + k / 10}" for k in range(1, wish["robots"] + 1)),
+                **wish,
+            ),
+            seconds=1,
+        )
+    )
     figure.canvas.draw()
     axes = figure.axes[0]
     said = [text for text in axes.texts if text.get_text().startswith("μ")]
@@ -277,8 +301,14 @@ def test_the_damping_covers_no_robot(wish):
 
 
 def test_one_damping_for_all_is_said_once():
-    figure = graph(recorded(scenario_of(*(f"robots.{k}.damping=1.5" for k in (2, 4)),
-                                        *(f"robots.{k}.damping=0.0" for k in (1, 3, 5, 6)))))  # fmt: skip
+    figure = graph(
+        recorded(
+            scenario_of(
+                *(f"robots.{k}.damping=1.5" for k in (2, 4)),
+                *(f"robots.{k}.damping=0.0" for k in (1, 3, 5, 6)),
+            )
+        )
+    )
     assert not [text for text in figure.axes[0].texts if text.get_text().startswith("μ")]
     assert "damped: μ = 1.5" in legend_of(figure)
 
@@ -308,9 +338,13 @@ def test_what_befell_robots_and_links_is_marked_and_said():
     end_ns = 3 * 10**9
     found = {edge: tuple(cuts(run.scenario, edge, end_ns)) for edge in run.scenario.formation.edges}
     assert found == {
-        (1, 2): ([], [(1, 2), (2, 1)]), (2, 3): ([], [(3, 2)]), (3, 4): ([(3, 4), (4, 3)], []),
-        (4, 5): ([(5, 4)], [(4, 5)]), (5, 6): ([], []), (1, 6): ([], []),
-    }  # fmt: skip
+        (1, 2): ([], [(1, 2), (2, 1)]),
+        (2, 3): ([], [(3, 2)]),
+        (3, 4): ([(3, 4), (4, 3)], []),
+        (4, 5): ([(5, 4)], [(4, 5)]),
+        (5, 6): ([], []),
+        (1, 6): ([], []),
+    }
     figure = graph(run)
     axes = figure.axes[0]
     said = legend_of(figure)
@@ -324,8 +358,11 @@ def test_what_befell_robots_and_links_is_marked_and_said():
     looks = [line.get_linestyle() for line in axes.lines if line.get_marker() == "None"]
     dashed = dict(zip(run.scenario.formation.edges, looks, strict=True))
     assert {edge for edge, look in dashed.items() if look == "--"} == {
-        (1, 2), (2, 3), (3, 4), (4, 5),
-    }  # fmt: skip
+        (1, 2),
+        (2, 3),
+        (3, 4),
+        (4, 5),
+    }
     places = dict(zip(run.scenario.ids, run.scenario.offsets_m, strict=True))
     arrows = [item for item in axes.texts if item.arrow_patch is not None]
     assert len(arrows) == 2
@@ -342,11 +379,21 @@ def delivered(delays_ms):
     scenario = scenario_of(robots=3)
     run = Collected(scenario)
     links = scenario.directed_links[: len(delays_ms)]
-    run(LinkRows([
-        LinkRow(k * 10**7, None if ms is None else k * 10**7 + int(ms * 1e6), *link, k,
-                "lost: random" if ms is None else "delivered")
-        for link, row in zip(links, delays_ms, strict=True) for k, ms in enumerate(row)
-    ]))  # fmt: skip
+    run(
+        LinkRows(
+            [
+                LinkRow(
+                    k * 10**7,
+                    None if ms is None else k * 10**7 + int(ms * 1e6),
+                    *link,
+                    k,
+                    "lost: random" if ms is None else "delivered",
+                )
+                for link, row in zip(links, delays_ms, strict=True)
+                for k, ms in enumerate(row)
+            ]
+        )
+    )
     run(Outcome("completed", 10**8, None, ""))
     axes = link_figures.of(run)["deliveries"]().axes[0]
     heights = np.concatenate(
@@ -364,9 +411,11 @@ def test_a_constant_delay_is_in_the_middle_of_its_band_beside_its_label():
     assert [label.get_text() for label in named.get_yticklabels()] == ["100 ms", "20 ms"]
 
 
-@given(st.lists(
-    st.lists(st.none() | st.floats(0.0, 1e4), min_size=1, max_size=6), min_size=1, max_size=6
-))  # fmt: skip
+@given(
+    st.lists(
+        st.lists(st.none() | st.floats(0.0, 1e4), min_size=1, max_size=6), min_size=1, max_size=6
+    )
+)
 def test_no_message_leaves_the_band_of_its_link(delays_ms):
     _, heights = delivered(delays_ms)
     for band, row in enumerate(delays_ms):

@@ -27,9 +27,11 @@ def here(tmp_path, monkeypatch):
 def limited(limit, code, *arguments):
     """Python in a process whose files may have ``limit`` bytes: beyond that, EFBIG."""
     return subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True,
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )  # fmt: skip
+    )
 
 
 COMMAND = "import sys; sys.dont_write_bytecode = True; from formnet.lab.cli import main; main()"

@@ -135,8 +135,10 @@ def test_the_list_of_laws_says_which_cannot_be_imported(law, monkeypatch, head, 
     assert result.exit_code == 0
     lines = result.output.splitlines()
     assert [line.split()[0] for line in lines if line[0] != " "] == [
-        "cooperative", "leader_follower", "odd"
-    ]  # fmt: skip
+        "cooperative",
+        "leader_follower",
+        "odd",
+    ]
     problems = [line.strip() for line in lines if line[0] == " "]
     assert len(problems) == (words is not None)
     assert words is None or words in problems[0]

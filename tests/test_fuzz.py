@@ -38,8 +38,10 @@ def test_the_scenarios_that_are_broken_load_and_have_every_numeric_key_of_the_fo
     found = set()
     for base in every_number.bases():
         loads(tomli_w.dumps(base))
-        found |= {[part for part in place if isinstance(part, str)][-1]
-                  for place in every_number.numbers(base)}  # fmt: skip
+        found |= {
+            [part for part in place if isinstance(part, str)][-1]
+            for place in every_number.numbers(base)
+        }
     assert keys <= found | {"1-2"}, keys - found
 
 

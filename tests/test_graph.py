@@ -80,8 +80,12 @@ def test_algebraic_connectivity_tells_connected_from_not_for_any_weights():
 
 def test_algebraic_connectivity_of_a_disconnected_graph_is_zero_exactly():
     """Rounding must not make it look connected."""
-    coupling = {(0, 4): 3.741516842003104, (1, 2): 9.96555498341083,
-                (1, 3): 4.0870673060433464, (1, 4): 7.242241442086289}  # fmt: skip
+    coupling = {
+        (0, 4): 3.741516842003104,
+        (1, 2): 9.96555498341083,
+        (1, 3): 4.0870673060433464,
+        (1, 4): 7.242241442086289,
+    }
     for robots in range(6, 9):  # robot 5 and up have no edge
         assert algebraic_connectivity(laplacian(range(robots), coupling)) == 0.0
 

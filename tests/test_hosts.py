@@ -74,11 +74,21 @@ class Network:
         (home / "known_hosts").write_text("\n".join(known) + "\n")
         for host in HOSTS:
             self.servers[host] = subprocess.Popen(
-                ["ip", "netns", "exec", self.name(host), sys.executable,
-                 str(Path(__file__).with_name("sshd.py")), self.address(host), str(PORT),
-                 str(self.folder / "host-key"), str(self.folder / "authorized")],
-                stdout=subprocess.PIPE, text=True,
-            )  # fmt: skip
+                [
+                    "ip",
+                    "netns",
+                    "exec",
+                    self.name(host),
+                    sys.executable,
+                    str(Path(__file__).with_name("sshd.py")),
+                    self.address(host),
+                    str(PORT),
+                    str(self.folder / "host-key"),
+                    str(self.folder / "authorized"),
+                ],
+                stdout=subprocess.PIPE,
+                text=True,
+            )
         for host, server in self.servers.items():
             assert server.stdout.readline() == "listening\n", host
 
@@ -131,10 +141,25 @@ def start(network, tmp_path):
         sets = [part for text in overrides for part in ("--set", text)]
         environment = {**os.environ, "HOME": str(network.folder / "home")}
         process = subprocess.Popen(
-            [sys.executable, "-m", "formnet", "run", "--no-figures", str(CONFIGS / scenario), "--out", str(out),
-             *map(str, hosts), "--keys", str(network.folder / "keys"), *sets],
-            env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "formnet",
+                "run",
+                "--no-figures",
+                str(CONFIGS / scenario),
+                "--out",
+                str(out),
+                *map(str, hosts),
+                "--keys",
+                str(network.folder / "keys"),
+                *sets,
+            ],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         runs.append(process)
         return process, out
 
@@ -175,17 +200,29 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(
         (CONFIGS / "paper" / "section5-delay.toml").read_text()
-        + f"\n[hosts]\n{listen}\n" + machines.replace("[[hosts]]", "[[hosts.hosts]]")
-    )  # fmt: skip
+        + f"\n[hosts]\n{listen}\n"
+        + machines.replace("[[hosts]]", "[[hosts.hosts]]")
+    )
     process, out = start(scenario, "duration_s=2.0", hosts=())
     said, _ = process.communicate(timeout=90)
     assert process.returncode == 1, said  # too short for the claims
     assert load_hosts(scenario) == load_hosts(network.folder / "hosts.toml")
     subprocess.run(
-        [sys.executable, "-m", "formnet", "run", "--no-figures", str(scenario),
-         "--inline", "--set", "duration_s=2.0", "--out", str(tmp_path / "inline")],
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "run",
+            "--no-figures",
+            str(scenario),
+            "--inline",
+            "--set",
+            "duration_s=2.0",
+            "--out",
+            str(tmp_path / "inline"),
+        ],
         capture_output=True,
-    )  # fmt: skip
+    )
     hashes = [
         json.loads((folder / "verdict.json").read_text())["trajectory_sha256"]
         for folder in (out, tmp_path / "inline")
@@ -228,17 +265,29 @@ def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, ne
 
 def test_faults_reach_robots_on_other_hosts(start, tmp_path):
     faults = (
-        "duration_s=2.0", 'timeline=[{action="kill", at_s=0.3, robots=3, restart_after_s=0.5}, '
+        "duration_s=2.0",
+        'timeline=[{action="kill", at_s=0.3, robots=3, restart_after_s=0.5}, '
         '{action="pause", at_s=0.4, robots=1, resume_after_s=0.5}]',
-    )  # fmt: skip
+    )
     process, out = start("paper/section5-delay.toml", *faults)
     said, _ = process.communicate(timeout=90)
     assert process.returncode == 1, said
     sets = [part for text in faults for part in ("--set", text)]
     subprocess.run(
-        [sys.executable, "-m", "formnet", "run", "--no-figures", str(CONFIGS / "paper/section5-delay.toml"),
-         "--inline", *sets, "--out", str(tmp_path / "inline")], capture_output=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "run",
+            "--no-figures",
+            str(CONFIGS / "paper/section5-delay.toml"),
+            "--inline",
+            *sets,
+            "--out",
+            str(tmp_path / "inline"),
+        ],
+        capture_output=True,
+    )
     hashes = [
         json.loads((folder / "verdict.json").read_text())["trajectory_sha256"]
         for folder in (out, tmp_path / "inline")
@@ -275,11 +324,20 @@ def doctor(network, *changes):
     file = network.folder / "doctor.toml"
     file.write_text(text)
     done = subprocess.run(
-        [sys.executable, "-m", "formnet", "doctor", "--hosts", str(file), "--keys",
-         str(network.folder / "keys")],
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "doctor",
+            "--hosts",
+            str(file),
+            "--keys",
+            str(network.folder / "keys"),
+        ],
         env={**os.environ, "HOME": str(network.folder / "home"), "COLUMNS": "500"},
-        capture_output=True, text=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+    )
     assert "Traceback" not in done.stdout + done.stderr
     return done.returncode, done.stdout
 
@@ -314,9 +372,11 @@ def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
     (place / "robot-5.pem").unlink()
     python, folder = f'python = "{sys.executable}"', f'keys = "{network.folder / "keys"}"'
     code, said = doctor(
-        network, (python, f'python = "{late}"'), (python, f'python = "{old}"'),
-        (f'robots = [5]\n{python}\n{folder}', f'robots = [5]\n{python}\nkeys = "{place}"'),
-    )  # fmt: skip
+        network,
+        (python, f'python = "{late}"'),
+        (python, f'python = "{old}"'),
+        (f"robots = [5]\n{python}\n{folder}", f'robots = [5]\n{python}\nkeys = "{place}"'),
+    )
     assert code == 3
     lines = said.splitlines()
     for problem, remedy in [
@@ -332,10 +392,11 @@ def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
 def test_the_doctor_tries_the_port_and_the_way_in(network):
     listen = f"tls/{network.here}:7447"
     code, said = doctor(
-        network, (listen, "tls/127.0.0.1:7447"),
+        network,
+        (listen, "tls/127.0.0.1:7447"),
         (f"{network.address('gamma')}:{PORT}", f"{network.address('gamma')}:9"),
         (f'python = "{sys.executable}"', 'python = "/nowhere/python"'),
-    )  # fmt: skip
+    )
     assert code == 3
     assert "✗ alpha: formnet: /nowhere/python has no formnet" in said
     assert "✗ beta: port: cannot reach 127.0.0.1:7447: " in said

@@ -405,26 +405,29 @@ def test_cut_loses_what_is_sent_and_in_flight_only_if_asked():
 # --- what every link promises ---------------------------------------------------------
 
 shares = st.floats(0.0, 1.0)
-any_settings = st.fixed_dictionaries({}, optional={
-    "loss": st.one_of(
-        st.builds(lambda p, c: {"probability": p, "correlation": c}, shares, st.floats(0, 0.9)),
-        st.builds(lambda p, r: {"model": "gilbert_elliott", "p": p, "r": r}, shares, shares),
-        st.builds(lambda p: {"model": "four_state", "p13": p}, shares),
-    ),
-    "delay": st.one_of(
-        st.just({"distribution": "constant", "mean_s": 0.02}),
-        st.just({"distribution": "uniform", "low_s": 0.0, "high_s": 0.1, "correlation": 0.3}),
-        st.just({"distribution": "exponential", "mean_s": 0.02, "offset_s": 0.001}),
-    ),
-    "duplicate": st.builds(lambda p: {"probability": p}, shares),
-    "corrupt": st.builds(lambda p: {"probability": p}, shares),
-    "reorder": st.builds(lambda p, g: {"probability": p, "gap": g}, shares, st.integers(1, 4)),
-    "rate": st.just({"bits_per_s": 100_000, "overhead_bytes": 10}),
-    "queue": st.just({"messages": 3}),
-    "slots": st.just({"min_s": 0.002, "max_s": 0.02, "messages": 2}),
-    "keep_order": st.booleans(),
-    "playout_s": st.sampled_from([0.0, 0.05]),
-})  # fmt: skip
+any_settings = st.fixed_dictionaries(
+    {},
+    optional={
+        "loss": st.one_of(
+            st.builds(lambda p, c: {"probability": p, "correlation": c}, shares, st.floats(0, 0.9)),
+            st.builds(lambda p, r: {"model": "gilbert_elliott", "p": p, "r": r}, shares, shares),
+            st.builds(lambda p: {"model": "four_state", "p13": p}, shares),
+        ),
+        "delay": st.one_of(
+            st.just({"distribution": "constant", "mean_s": 0.02}),
+            st.just({"distribution": "uniform", "low_s": 0.0, "high_s": 0.1, "correlation": 0.3}),
+            st.just({"distribution": "exponential", "mean_s": 0.02, "offset_s": 0.001}),
+        ),
+        "duplicate": st.builds(lambda p: {"probability": p}, shares),
+        "corrupt": st.builds(lambda p: {"probability": p}, shares),
+        "reorder": st.builds(lambda p, g: {"probability": p, "gap": g}, shares, st.integers(1, 4)),
+        "rate": st.just({"bits_per_s": 100_000, "overhead_bytes": 10}),
+        "queue": st.just({"messages": 3}),
+        "slots": st.just({"min_s": 0.002, "max_s": 0.02, "messages": 2}),
+        "keep_order": st.booleans(),
+        "playout_s": st.sampled_from([0.0, 0.05]),
+    },
+)
 
 
 def made(table, seed=1):
@@ -579,11 +582,13 @@ def test_the_same_seed_gives_the_same_bytes_in_any_process():
     )
     outputs = {
         subprocess.run(
-            [sys.executable, "-c", program], check=True, capture_output=True,
+            [sys.executable, "-c", program],
+            check=True,
+            capture_output=True,
             env={**os.environ, "PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2")
-    }  # fmt: skip
+    }
     assert len(outputs) == 1
     assert len(outputs.pop()) > 100_000
 

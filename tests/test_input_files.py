@@ -49,13 +49,19 @@ def test_rows_are_read_with_their_lines(file, case):
 
 # What a file of two columns holds, and what is said of it.
 REFUSED = {
-    "a first row that is no header": (b"0,0.010,x\n1,2\n", "line 1, column 3 = 'x': must be a number"),
+    "a first row that is no header": (
+        b"0,0.010,x\n1,2\n",
+        "line 1, column 3 = 'x': must be a number",
+    ),
     "an empty cell in the first row": (b"0,\n1,2\n", "line 1, column 2 = '': must be a number"),
     "empty cells alone": (b",\n1,2\n", "line 1, column 1 = '': must be a number"),
     "a unit": (b"0,0.5ms\n1,2\n", "line 1, column 2 = '0.5ms': must be a number"),
     "a currency": ("€5,€6\n1,2\n".encode(), "line 1, column 1 = '€5': must be a number"),
     "a dash": (b"-,-\n1,2\n", "line 1, column 1 = '-': must be a number"),
-    "a header that is half a number": (b"time,1\n1,2\n", "line 1, column 1 = 'time': must be a number"),
+    "a header that is half a number": (
+        b"time,1\n1,2\n",
+        "line 1, column 1 = 'time': must be a number",
+    ),
     "a second header": (b"t,d\nt,d\n1,2\n", "line 2, column 1 = 't': must be a number"),
     "a header after numbers": (b"1,2\nt,d\n", "line 2, column 1 = 't': must be a number"),
     "not finite": (b"nan,inf\n1,2\n", "line 1, column 1 = 'nan': must be finite"),
@@ -64,18 +70,33 @@ REFUSED = {
     "digits that are not ASCII": ("١,2\n".encode(), "line 1, column 1 = '١': must be a number"),
     "too few": (b"1,2\n\n1\n", "line 3 = '1': must have 2 columns, has 1"),
     "too many": (b"1,2,3\n", "line 1 = '1,2,3': must have 2 columns, has 3"),
-    "semicolons": (b"t;d\n1;2\n", "line 2, column 1 = '1;2': must be a number; columns are parted by commas, not by semicolons"),
-    "decimal commas": (b"t;d\n1;0,5\n", "line 2, column 1 = '1;0': must be a number; columns are parted by commas, not by semicolons"),
-    "tabs": (b"1\t2\n", "line 1, column 1 = '1\\t2': must be a number; columns are parted by commas, not by tabs"),
-    "UTF-16": ("1,2\n".encode("utf-16"), "line 1: has a byte that is not UTF-8 (0xff): must be UTF-8 text (is it UTF-16?)"),
+    "semicolons": (
+        b"t;d\n1;2\n",
+        "line 2, column 1 = '1;2': must be a number; columns are parted by commas, not by semicolons",
+    ),
+    "decimal commas": (
+        b"t;d\n1;0,5\n",
+        "line 2, column 1 = '1;0': must be a number; columns are parted by commas, not by semicolons",
+    ),
+    "tabs": (
+        b"1\t2\n",
+        "line 1, column 1 = '1\\t2': must be a number; columns are parted by commas, not by tabs",
+    ),
+    "UTF-16": (
+        "1,2\n".encode("utf-16"),
+        "line 1: has a byte that is not UTF-8 (0xff): must be UTF-8 text (is it UTF-16?)",
+    ),
     "UTF-16 without a mark": ("1,2\n3,4\n".encode("utf-16-le"), "line 1: has a null character"),
     "Latin-1": (b"1,2\n\xe9,3\n", "line 2: has a byte that is not UTF-8 (0xe9)"),
     "a null character": (b"1,2\n1,\x002\n", "line 2: has a null character"),
-    "a quote that is not closed": (b'1,2\n"3,4\n5,6\n', "line 2: is not CSV: unexpected end of data; is a quote not closed?"),
+    "a quote that is not closed": (
+        b'1,2\n"3,4\n5,6\n',
+        "line 2: is not CSV: unexpected end of data; is a quote not closed?",
+    ),
     "text after a quote": (b'1,2\n"3"x,4\n', "line 2: is not CSV: "),
     "a huge cell": (b"1," + b"2" * 200_000, "line 1: is not CSV: field larger than field limit"),
     "a long cell": (b"1," + b"x" * 100_000, "line 1, column 2 = 'xxx"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -96,8 +117,14 @@ def test_a_file_without_numbers(file, content):
         read_numbers(file, 1)
 
 
-@pytest.mark.parametrize(("bad", "words"), [(1, ""), (2, " (and 1 more problem in this file)"),
-                                            (9, " (and 8 more problems in this file)")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (1, ""),
+        (2, " (and 1 more problem in this file)"),
+        (9, " (and 8 more problems in this file)"),
+    ],
+)
 def test_the_first_problem_in_full_and_the_number_of_further_ones(file, bad, words):
     file.write_text("1\n" + "x\n" * bad + "2\n")
     with pytest.raises(FileError) as caught:
@@ -109,8 +136,23 @@ def test_whatever_the_bytes_only_a_file_error_comes_out(file):
     seed = 20240
     print(f"seed {seed}")
     draw = random.Random(seed)
-    pieces = [b"1", b"0.5", b",", b"\n", b'"', b"\r", b"x", b"-", b"\x00", b"\xff", b"\xef\xbb\xbf",
-              b"nan", b"#", b" ", "½".encode()]  # fmt: skip
+    pieces = [
+        b"1",
+        b"0.5",
+        b",",
+        b"\n",
+        b'"',
+        b"\r",
+        b"x",
+        b"-",
+        b"\x00",
+        b"\xff",
+        b"\xef\xbb\xbf",
+        b"nan",
+        b"#",
+        b" ",
+        "½".encode(),
+    ]
     read, told = 0, set()
     for _ in range(3000):
         file.write_bytes(b"".join(draw.choices(pieces, k=draw.randrange(12))))
@@ -136,19 +178,49 @@ LOSS = {"loss": {"model": "trace"}}
 TRACE = {"delay": {"distribution": "trace"}}
 SAMPLES = {"delay": {"distribution": "empirical"}}
 BROKEN_RULES = {
-    "half a loss": (LOSS, "0\n1\n0.5\n", "line 3, column 1 = 0.5: must be 0 or 1",
-                    {"losses": [0, 1, 0.5]}, "losses[2] = 0.5: must be 0 or 1"),
-    "a negative sample": (SAMPLES, "rtt\n0.1\n\n-0.1\n", "line 4, column 1 = -0.1: must be at least 0",
-                          {"samples_s": [0.1, -0.1]}, "samples_s[1] = -0.1: must be at least 0"),
-    "a long delay": (TRACE, "0,1\n1,1e4\n", "line 2, column 2 = 10000.0: must be at most 3600",
-                     {"times_s": [0, 1], "delays_s": [1, 1e4]}, "delays_s[1] = 10000.0: must be at most 3600"),
-    "a late time": (TRACE, "0,1\n1e10,1\n", "line 2, column 1 = 10000000000.0: must be at most 1e+09",
-                    {"times_s": [0, 1e10], "delays_s": [1, 1]}, "times_s[1] = 10000000000.0: must be at most 1e+09"),
-    "times that descend": (TRACE, '"t\ns",d\n0,1\n2,1\n1,1\n', "line 5, column 1 = 1.0: must be at least 1 ns after the time before it, 2.0",
-                           {"times_s": [0, 2, 1], "delays_s": [1, 1, 1]}, "times_s[2] = 1.0: must be at least 1 ns after the time before it, 2.0"),
-    "one instant twice": (TRACE, "0,1\n1e-10,2\n", "line 2, column 1 = 1e-10: must be at least 1 ns after the time before it, 0.0",
-                          {"times_s": [0, 1e-10], "delays_s": [1, 1]}, "times_s[1] = 1e-10: must be at least 1 ns after the time before it, 0.0"),
-}  # fmt: skip
+    "half a loss": (
+        LOSS,
+        "0\n1\n0.5\n",
+        "line 3, column 1 = 0.5: must be 0 or 1",
+        {"losses": [0, 1, 0.5]},
+        "losses[2] = 0.5: must be 0 or 1",
+    ),
+    "a negative sample": (
+        SAMPLES,
+        "rtt\n0.1\n\n-0.1\n",
+        "line 4, column 1 = -0.1: must be at least 0",
+        {"samples_s": [0.1, -0.1]},
+        "samples_s[1] = -0.1: must be at least 0",
+    ),
+    "a long delay": (
+        TRACE,
+        "0,1\n1,1e4\n",
+        "line 2, column 2 = 10000.0: must be at most 3600",
+        {"times_s": [0, 1], "delays_s": [1, 1e4]},
+        "delays_s[1] = 10000.0: must be at most 3600",
+    ),
+    "a late time": (
+        TRACE,
+        "0,1\n1e10,1\n",
+        "line 2, column 1 = 10000000000.0: must be at most 1e+09",
+        {"times_s": [0, 1e10], "delays_s": [1, 1]},
+        "times_s[1] = 10000000000.0: must be at most 1e+09",
+    ),
+    "times that descend": (
+        TRACE,
+        '"t\ns",d\n0,1\n2,1\n1,1\n',
+        "line 5, column 1 = 1.0: must be at least 1 ns after the time before it, 2.0",
+        {"times_s": [0, 2, 1], "delays_s": [1, 1, 1]},
+        "times_s[2] = 1.0: must be at least 1 ns after the time before it, 2.0",
+    ),
+    "one instant twice": (
+        TRACE,
+        "0,1\n1e-10,2\n",
+        "line 2, column 1 = 1e-10: must be at least 1 ns after the time before it, 0.0",
+        {"times_s": [0, 1e-10], "delays_s": [1, 1]},
+        "times_s[1] = 1e-10: must be at least 1 ns after the time before it, 0.0",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", BROKEN_RULES)
@@ -180,12 +252,15 @@ def test_further_problems_of_a_file_are_counted_and_others_of_the_table_told(tmp
     ("table", "words"),
     [
         ({"file": 3}, "delay.file = 3: must be a string"),
-        ({"file": "f.csv", "samples_s": [0.1]}, "delay.file = 'f.csv': samples_s is given, too: only one of them can be"),
+        (
+            {"file": "f.csv", "samples_s": [0.1]},
+            "delay.file = 'f.csv': samples_s is given, too: only one of them can be",
+        ),
         ({"file": "none.csv"}, "cannot be read: No such file or directory"),
         ({"file": "."}, "cannot be read: Is a directory"),
         ({"file": "a\0b"}, "cannot be read: embedded null byte"),
     ],
-)  # fmt: skip
+)
 def test_a_file_that_cannot_be_taken_is_named(tmp_path, table, words):
     (found,) = said(tmp_path, {"delay": {"distribution": "empirical"} | table})
     assert words in found
@@ -212,7 +287,11 @@ def test_a_key_given_twice_is_named_in_every_kind_of_file(tmp_path):
     path = tmp_path / "x.toml"
     path.write_text("seed = 1\n# and\nseed = 2\n")
     words = "not TOML: seed is given twice: on line 3, and before that on line 1"
-    for reader, error in ((load, ScenarioError), (load_hosts, HostsError), (lanes.load, lanes.NetworkFileError)):  # fmt: skip
+    for reader, error in (
+        (load, ScenarioError),
+        (load_hosts, HostsError),
+        (lanes.load, lanes.NetworkFileError),
+    ):
         with pytest.raises(error) as caught:
             reader(path)
         assert str(caught.value) == f"{path}: {words}"
@@ -220,23 +299,67 @@ def test_a_key_given_twice_is_named_in_every_kind_of_file(tmp_path):
 
 TWICE = {
     "a key": ("a = 1\nb = 2\na = 3", "a is given twice: on line 3, and before that on line 1"),
-    "a key in a table": ("[t]\nx = 1\n\nx = 2\n", "t.x is given twice: on line 4, and before that on line 2"),
-    "quoted otherwise": ('a-b = 1\n"a-b" = 1', "a-b is given twice: on line 2, and before that on line 1"),
-    "a name to be quoted": ('"a b" = 1\n\'a b\' = 1', '"a b" is given twice: on line 2, and before that on line 1'),
-    "a table": ("[law.w1]\nx = 1\n[law.w1]\n", "law.w1 is given twice: on line 3, and before that on line 1"),
-    "in an array of tables": ("[[robots]]\nid = 1\n[[robots]]\nid = 2\nstart = {}\nid = 3\n",
-                              "robots[1].id is given twice: on line 6, and before that on line 4"),
-    "below an array of tables": ("[[r]]\n[r.s]\n[[r]]\n[r.s]\nx = 1\n[r.s]", "r[1].s is given twice: on line 6, and before that on line 4"),
-    "an inline table": ("a = { x = 1, y.z = 2, y.z = 3 }", "a.y.z is given twice: on line 1, and before that on line 1"),
-    "inline tables in a list": ("a = [\n  { x = 1 },\n  { y = 1, y = 2 },\n]", "a[1].y is given twice: on line 3, and before that on line 3"),
-    "beside texts and lists of many lines": ('t = """\na = 1\n[a]\n"""\na = [ # [\n 1,\n]\na = 2', "a is given twice: on line 8, and before that on line 5"),
-    "the second of many lines": ("a = 1\na = [\n2,\n]\n", "a is given twice: on line 2, and before that on line 1"),
-    "a value and a table": ("a = 1\n[a]\n", "a is given twice: on line 2, and before that on line 1"),
-    "an array and a table": ("[[a]]\n[a]\n", "a is given twice: on line 2, and before that on line 1"),
-    "a value within a value": ("a = 1\nb = 1\na.c = 2", "a.c on line 3 contradicts a on line 1: a key is either"),
-    "more for an inline table": ("[x]\na = {}\n[x.a.b]\n", "x.a.b on line 3 contradicts x.a on line 2: a key is either"),
-    "DOS lines": ("a = 1\r\nb = 1\r\na = 2\r\n", "a is given twice: on line 3, and before that on line 1"),
-}  # fmt: skip
+    "a key in a table": (
+        "[t]\nx = 1\n\nx = 2\n",
+        "t.x is given twice: on line 4, and before that on line 2",
+    ),
+    "quoted otherwise": (
+        'a-b = 1\n"a-b" = 1',
+        "a-b is given twice: on line 2, and before that on line 1",
+    ),
+    "a name to be quoted": (
+        "\"a b\" = 1\n'a b' = 1",
+        '"a b" is given twice: on line 2, and before that on line 1',
+    ),
+    "a table": (
+        "[law.w1]\nx = 1\n[law.w1]\n",
+        "law.w1 is given twice: on line 3, and before that on line 1",
+    ),
+    "in an array of tables": (
+        "[[robots]]\nid = 1\n[[robots]]\nid = 2\nstart = {}\nid = 3\n",
+        "robots[1].id is given twice: on line 6, and before that on line 4",
+    ),
+    "below an array of tables": (
+        "[[r]]\n[r.s]\n[[r]]\n[r.s]\nx = 1\n[r.s]",
+        "r[1].s is given twice: on line 6, and before that on line 4",
+    ),
+    "an inline table": (
+        "a = { x = 1, y.z = 2, y.z = 3 }",
+        "a.y.z is given twice: on line 1, and before that on line 1",
+    ),
+    "inline tables in a list": (
+        "a = [\n  { x = 1 },\n  { y = 1, y = 2 },\n]",
+        "a[1].y is given twice: on line 3, and before that on line 3",
+    ),
+    "beside texts and lists of many lines": (
+        't = """\na = 1\n[a]\n"""\na = [ # [\n 1,\n]\na = 2',
+        "a is given twice: on line 8, and before that on line 5",
+    ),
+    "the second of many lines": (
+        "a = 1\na = [\n2,\n]\n",
+        "a is given twice: on line 2, and before that on line 1",
+    ),
+    "a value and a table": (
+        "a = 1\n[a]\n",
+        "a is given twice: on line 2, and before that on line 1",
+    ),
+    "an array and a table": (
+        "[[a]]\n[a]\n",
+        "a is given twice: on line 2, and before that on line 1",
+    ),
+    "a value within a value": (
+        "a = 1\nb = 1\na.c = 2",
+        "a.c on line 3 contradicts a on line 1: a key is either",
+    ),
+    "more for an inline table": (
+        "[x]\na = {}\n[x.a.b]\n",
+        "x.a.b on line 3 contradicts x.a on line 2: a key is either",
+    ),
+    "DOS lines": (
+        "a = 1\r\nb = 1\r\na = 2\r\n",
+        "a is given twice: on line 3, and before that on line 1",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", TWICE)

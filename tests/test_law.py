@@ -103,8 +103,9 @@ def moved(state, h):
     x, y, heading, v, w = state
     n = 200  # the exact arc, by composite midpoint rule
     angles = heading + w * h * (np.arange(n) + 0.5) / n
-    return State(x + h * v * np.cos(angles).mean(), y + h * v * np.sin(angles).mean(),
-                 heading + w * h, v, w)  # fmt: skip
+    return State(
+        x + h * v * np.cos(angles).mean(), y + h * v * np.sin(angles).mean(), heading + w * h, v, w
+    )
 
 
 def m_full(a, heading):
@@ -144,9 +145,14 @@ def reference_torques(t, own, neighbours, about):
     h = 1e-5
     eta = eta_of(t, own, neighbours, about)
     shifted = [
-        eta_of(t + d, moved(own, d), {r: (s + d, moved(q, d)) for r, (s, q) in neighbours.items()}, about)
+        eta_of(
+            t + d,
+            moved(own, d),
+            {r: (s + d, moved(q, d)) for r, (s, q) in neighbours.items()},
+            about,
+        )
         for d in (h, -h)
-    ]  # fmt: skip
+    ]
     eta_dot = (shifted[0] - shifted[1]) / (2 * h)
     offset, law, body = OFFSETS[about.robot], about.settings, about.body
     zeta3 = -(own.x_m - offset[0]) * np.sin(own.heading_rad) + (own.y_m - offset[1]) * np.cos(
@@ -173,8 +179,15 @@ def reference_torques(t, own, neighbours, about):
     return np.linalg.solve(g.T @ b, wrench)
 
 
-@given(times, states, states, states, st.floats(0, 2), st.sampled_from(["identity", "inertia"]),
-       st.booleans())  # fmt: skip
+@given(
+    times,
+    states,
+    states,
+    states,
+    st.floats(0, 2),
+    st.sampled_from(["identity", "inertia"]),
+    st.booleans(),
+)
 @settings(max_examples=60, deadline=None)
 def test_torques_against_matrices(t, own, second, third, delay, shape, robust):
     about = situation(feedback_shape=shape, robust=robust)
@@ -215,8 +228,13 @@ def test_length_scale_is_a_change_of_units(t, own, second, scale):
     now_ns = round(t * 1e9)
 
     def small(state):
-        return State(state.x_m / scale, state.y_m / scale, state.heading_rad,
-                     state.speed_mps / scale, state.turn_rate_radps)  # fmt: skip
+        return State(
+            state.x_m / scale,
+            state.y_m / scale,
+            state.heading_rad,
+            state.speed_mps / scale,
+            state.turn_rate_radps,
+        )
 
     right, left = CooperativeLaw(about).command(now_ns, own, (Stamped(2, now_ns, second),))
     r, el = CooperativeLaw(shrunk).command(now_ns, small(own), (Stamped(2, now_ns, small(second)),))
@@ -241,10 +259,16 @@ def group(delta="corrected", **law):
     coupling = {1: {2: 1.3}, 2: {1: 1.3, 3: 0.6}, 3: {2: 0.6}}
     damping = {1: 0.7, 2: 0.0, 3: 0.0}
     return {
-        robot: situation(robot=robot, coupling=coupling[robot], damping=damping[robot],
-                         delta=delta, level="kinematic", **law)
+        robot: situation(
+            robot=robot,
+            coupling=coupling[robot],
+            damping=damping[robot],
+            delta=delta,
+            level="kinematic",
+            **law,
+        )
         for robot in OFFSETS
-    }  # fmt: skip
+    }
 
 
 def lyapunov_rate(t_ns, placed, abouts):
@@ -289,8 +313,11 @@ def test_corrected_delta_gives_the_proof_s_rate_exactly(t, placed):
 
 def test_printed_delta_makes_v_grow():
     """Far from the pattern the printed Eq. 19 gives V̇ > 0, the corrected one V̇ < 0."""
-    placed = {1: State(-3.5, -13.8, -2.0, 0, 0), 2: State(18.1, 3.3, 3.0, 0, 0),
-              3: State(13.9, -25.3, 2.0, 0, 0)}  # fmt: skip
+    placed = {
+        1: State(-3.5, -13.8, -2.0, 0, 0),
+        2: State(18.1, 3.3, 3.0, 0, 0),
+        3: State(13.9, -25.3, 2.0, 0, 0),
+    }
     assert lyapunov_rate(0, placed, group("printed")) > 1e3
     assert lyapunov_rate(0, placed, group("corrected")) < -1e3
 
@@ -317,10 +344,11 @@ def test_dynamic_law_gives_theorem_4_s_rate(t, first, second):
     body = Body(1.7, 0.6 + 1.7 * 0.15**2, 0.15, 0.5, 0.2, np.inf, 0.0, 0.0, 0.0, 0.0)
     placed, t_ns = {1: first, 2: second}, round(t * 1e9)
     abouts = {
-        r: situation(robot=r, coupling={3 - r: 1.3}, damping=0.7, robust=False,
-                     feedback_shape="identity")
+        r: situation(
+            robot=r, coupling={3 - r: 1.3}, damping=0.7, robust=False, feedback_shape="identity"
+        )
         for r in (1, 2)
-    }  # fmt: skip
+    }
     a = parameters(1.7, 0.6, 0.15, 1.0)
 
     def tracking_error(t, here, robot):

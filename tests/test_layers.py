@@ -223,6 +223,8 @@ if __name__ == "__main__":
     print(f"{len(arrows(KNOWN))} arrows between {len({room(m, KNOWN) for m in KNOWN})} rooms")
     sizes = sorted((len(f.read_text(encoding="utf-8").splitlines()), m) for m, f in KNOWN.items())
     print("largest modules:", ", ".join(f"{name} {lines}" for lines, name in sizes[-5:]))
-    files = sorted((len(list(d.glob("*.py"))), d.relative_to(ROOT).as_posix())
-                   for d in {f.parent for f in KNOWN.values()})  # fmt: skip
+    files = sorted(
+        (len(list(d.glob("*.py"))), d.relative_to(ROOT).as_posix())
+        for d in {f.parent for f in KNOWN.values()}
+    )
     print("largest folders:", ", ".join(f"{name} {count}" for count, name in files[-5:]))

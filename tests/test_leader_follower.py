@@ -27,19 +27,25 @@ times = st.floats(0.0, 20.0)
 
 def law(robot: int, level: str = "kinematic", **parameters: object) -> LeaderFollowerLaw:
     values = {
-        "follows": FOLLOWS, "separation_gain": GAINS[0], "bearing_gain": GAINS[1],
+        "follows": FOLLOWS,
+        "separation_gain": GAINS[0],
+        "bearing_gain": GAINS[1],
         "reach_m": REACH_M,
-    }  # fmt: skip
+    }
     settings = LawSettings.model_validate(
         {"kind": "leader_follower", "level": level, "parameters": values | parameters}
     )
     return LeaderFollowerLaw(
         Situation(
-            robot=robot, settings=settings, control_period_s=0.01, offsets_m=OFFSETS,
-            coupling={1: 1.0} if robot > 1 else {2: 1.0, 3: 1.0}, damping=0.0,
+            robot=robot,
+            settings=settings,
+            control_period_s=0.01,
+            offsets_m=OFFSETS,
+            coupling={1: 1.0} if robot > 1 else {2: 1.0, 3: 1.0},
+            damping=0.0,
             body=BodyEstimate(1.0, 1.0, 0.0, False, 0.0, 0.5, 0.2),
         )
-    )  # fmt: skip
+    )
 
 
 def polar(own: State, leader: State) -> tuple[float, float]:

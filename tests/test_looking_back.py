@@ -253,8 +253,12 @@ def test_an_interrupted_run_has_a_page_and_gets_its_figures_with_report(copy):
 
 def test_a_run_that_shall_not_draw_does_not(tmp_path):
     out = tmp_path / "run"
-    assert formnet("run", SECTION5, "--inline", "--no-figures", "--out", out, "--set",
-                   "duration_s=0.4")[0] == 1  # fmt: skip
+    assert (
+        formnet(
+            "run", SECTION5, "--inline", "--no-figures", "--out", out, "--set", "duration_s=0.4"
+        )[0]
+        == 1
+    )
     assert not (out / "figures").exists()
     assert "There are no figures yet" in Page(out / "report.html").text
     assert formnet("report", out)[0] == 0
@@ -275,9 +279,18 @@ def test_a_run_that_fell_short_is_told_that_it_did(copy):
 def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
     out = tmp_path / "run"
     code, said = formnet(
-        "run", SECTION5, "--inline", "--out", out, "--set", "law.length_scale_m=1", "--set",
-        "law.beta=200", "--set", "duration_s=1",
-    )  # fmt: skip
+        "run",
+        SECTION5,
+        "--inline",
+        "--out",
+        out,
+        "--set",
+        "law.length_scale_m=1",
+        "--set",
+        "law.beta=200",
+        "--set",
+        "duration_s=1",
+    )
     assert code == 1
     assert "messages still on their way at the end: 10" in said
     page = Page(out / "report.html")
@@ -386,9 +399,10 @@ def test_the_index_never_takes_the_place_of_another_page(copy):
 def test_standing(kind, expected, holds, word):
     kind, _, lost = kind.partition(", ")
     judged = {
-        "outcome": {"kind": kind}, "claims": {"x": {"expected": expected, "holds": holds}},
+        "outcome": {"kind": kind},
+        "claims": {"x": {"expected": expected, "holds": holds}},
         "robots": {"lost": [{"robot": 1}] if lost else []},
-    }  # fmt: skip
+    }
     assert runs.standing(judged, None, running=False) == word
 
 
@@ -524,8 +538,9 @@ def test_mcap_holds_every_sample_message_and_event(recorded, mcap):
     )
     events = [(at, data) for name, _, at, _, data in mcap if name == "foxglove.Log"]
     assert [(at, log["name"]) for at, log in events] == [
-        *((e.t_ns, e.kind) for e in back.events), (back.outcome.t_ns, back.outcome.kind),
-    ]  # fmt: skip
+        *((e.t_ns, e.kind) for e in back.events),
+        (back.outcome.t_ns, back.outcome.kind),
+    ]
     for (_, log), event in zip(events, back.events, strict=False):
         assert log["message"] == f"{event.kind} {json.dumps(event.details, ensure_ascii=False)}"
 
@@ -546,8 +561,12 @@ def test_mcap_puts_everything_at_its_time(mcap):
 
 def test_mcap_transforms_and_poses_are_the_states(recorded, mcap):
     at = {(s.t_ns, s.robot): s for s in read_whole(recorded).samples}
-    transforms = [(t, item) for name, _, t, _, data in mcap if name == "foxglove.FrameTransforms"
-                  for item in data["transforms"]]  # fmt: skip
+    transforms = [
+        (t, item)
+        for name, _, t, _, data in mcap
+        if name == "foxglove.FrameTransforms"
+        for item in data["transforms"]
+    ]
     poses = [(t, topic, data) for name, topic, t, _, data in mcap if name == "foxglove.PoseInFrame"]
     assert len(transforms) == len(poses) == len(at)
     for (t, item), (t_pose, topic, pose) in zip(transforms, poses, strict=True):
@@ -573,8 +592,14 @@ def test_mcap_errors_end_as_in_the_verdict(recorded, mcap):
 
 
 def test_mcap_messages_are_what_their_schemas_say(mcap):
-    kinds = {"number": (int, float, type(None)), "integer": (int, type(None)), "string": str,
-             "boolean": bool, "array": list, "object": dict}  # fmt: skip
+    kinds = {
+        "number": (int, float, type(None)),
+        "integer": (int, type(None)),
+        "string": str,
+        "boolean": bool,
+        "array": list,
+        "object": dict,
+    }
 
     def agrees(schema, value):
         assert isinstance(value, kinds[schema["type"]])

@@ -15,8 +15,10 @@ from formnet.lab.runs.recording import Collected
 
 COMPENSATED = 'law.cross_term="compensated"'
 EXACT = (
-    COMPENSATED, "robot_defaults.mass_estimate_kg=1.0", "robot_defaults.inertia_estimate_kgm2=1.0"
-)  # fmt: skip
+    COMPENSATED,
+    "robot_defaults.mass_estimate_kg=1.0",
+    "robot_defaults.inertia_estimate_kgm2=1.0",
+)
 
 
 def ran(scenario: Scenario) -> Collected:
@@ -122,9 +124,13 @@ class Oracle:
 @pytest.mark.parametrize("name", ["theorem2", "theorem4"])
 def test_v_and_its_rate_are_those_of_the_proofs(paper, name, delay_s):
     scenario = paper(
-        name, *EXACT, f"network.default.delay.mean_s={delay_s}", "duration_s=0.3",
-        "clock.control_period_s=0.0005", "clock.broadcast_period_s=0.0005",
-    )  # fmt: skip
+        name,
+        *EXACT,
+        f"network.default.delay.mean_s={delay_s}",
+        "duration_s=0.3",
+        "clock.control_period_s=0.0005",
+        "clock.broadcast_period_s=0.0005",
+    )
     recording = ran(scenario)
     curve, rises = found_in(recording)
     assert rises == []

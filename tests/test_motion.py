@@ -44,8 +44,9 @@ def formnet(*arguments):
 
 def run(out, *overrides):
     sets = [part for text in overrides for part in ("--set", text)]
-    return formnet("run", PAPER / "section5-delay.toml", "--inline", "--no-figures",
-                   "--out", out, *sets)  # fmt: skip
+    return formnet(
+        "run", PAPER / "section5-delay.toml", "--inline", "--no-figures", "--out", out, *sets
+    )
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +122,9 @@ def test_one_robot_alone_is_close_to_nobody(paper):
 
 def test_the_verdict_has_what_the_plant_told(recorded):
     judged = json.loads((recorded[0] / "verdict.json").read_text())
-    (line,) = [json.loads(line) for line in (recorded[0] / "events.jsonl").open()
-               if '"extremes"' in line]  # fmt: skip
+    (line,) = [
+        json.loads(line) for line in (recorded[0] / "events.jsonl").open() if '"extremes"' in line
+    ]
     assert judged["motion"] == {name: line[name] for name in MOTION}
     rows = read_whole(recorded[0]).samples
     assert judged["motion"]["top_speed"]["speed_mps"] >= max(abs(row.speed_mps) for row in rows)
@@ -168,11 +170,17 @@ def test_a_run_from_before_has_none_and_is_read_all_the_same(copy, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "nonsense", [3, {"closest": 3}, {"closest": {"t_s": 1.0}}, {"closest": {"distance_m": 1.0}},
-                 {"top_speed": {"speed_mps": None, "robot": 1, "t_s": 1.0}},
-                 {"closest": {"distance_m": 1.0, "robots": [1], "t_s": 1.0}},
-                 {"top_speed": {"acceleration": 1.0, "robot": 1, "t_s": 1.0}}],
-)  # fmt: skip
+    "nonsense",
+    [
+        3,
+        {"closest": 3},
+        {"closest": {"t_s": 1.0}},
+        {"closest": {"distance_m": 1.0}},
+        {"top_speed": {"speed_mps": None, "robot": 1, "t_s": 1.0}},
+        {"closest": {"distance_m": 1.0, "robots": [1], "t_s": 1.0}},
+        {"top_speed": {"acceleration": 1.0, "robot": 1, "t_s": 1.0}},
+    ],
+)
 def test_what_are_no_extremes_is_said(copy, nonsense):
     change_verdict(copy, lambda judged: judged.update(motion=nonsense))
     assert any("verdict.json is not a verdict" in problem for problem in read_run(copy).problems)
@@ -180,8 +188,10 @@ def test_what_are_no_extremes_is_said(copy, nonsense):
         with (copy / "events.jsonl").open("a") as events:
             line = {"t_s": 0.4, "event": "extremes", "wall": "2026-01-01T00:00:00Z", **nonsense}
             events.write(json.dumps(line) + "\n")
-        assert any("events.jsonl cannot be read: not the extremes of a motion" in problem
-                   for problem in read_run(copy).problems)  # fmt: skip
+        assert any(
+            "events.jsonl cannot be read: not the extremes of a motion" in problem
+            for problem in read_run(copy).problems
+        )
     write_report(copy)
 
 
@@ -242,7 +252,9 @@ def test_nemesis_compares_them(paper):
     assert trial._differences(first, second) == []
     second.events = [
         event._replace(details=event.details | {"closest": None})
-        if event.kind == "extremes" else event for event in first.events
-    ]  # fmt: skip
+        if event.kind == "extremes"
+        else event
+        for event in first.events
+    ]
     (problem,) = trial._differences(first, second)
     assert problem.startswith("not deterministic: motion, closest: {")

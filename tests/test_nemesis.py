@@ -65,8 +65,13 @@ def test_schedules_use_everything_there_is(paper):
     scenario = paper("section5-delay")
     entries = [e.entries()[0] for seed in range(300) for e in draw(scenario, seed, 10.0)]
     assert {entry["action"] for entry in entries} == {
-        "kill", "pause", "cut", "partition", "network", "ramp",
-    }  # fmt: skip
+        "kill",
+        "pause",
+        "cut",
+        "partition",
+        "network",
+        "ramp",
+    }
     tables = {key for entry in entries if entry["action"] == "network" for key in entry}
     assert {"delay", "loss", "duplicate", "corrupt"} <= tables
     shapes = {entry["shape"] for entry in entries if entry["action"] == "partition"}
@@ -82,11 +87,15 @@ def test_schedules_use_everything_there_is(paper):
 def record(root):
     """A run with a kill and losses."""
     file = root / "configs" / "paper" / "section5-delay.toml"
-    scenario = load(file, [
-        "duration_s=1.0", "network.default.loss.probability=0.1",
-        'timeline=[{action="kill", at_s=0.3, robots=3, restart_after_s=0.2}, '
-        '{action="pause", at_s=0.6, robots=1, resume_after_s=0.1}]',
-    ])  # fmt: skip
+    scenario = load(
+        file,
+        [
+            "duration_s=1.0",
+            "network.default.loss.probability=0.1",
+            'timeline=[{action="kill", at_s=0.3, robots=3, restart_after_s=0.2}, '
+            '{action="pause", at_s=0.6, robots=1, resume_after_s=0.1}]',
+        ],
+    )
     found = Collected(scenario)
     inline.run(scenario, "run", found)
     return found
@@ -104,8 +113,11 @@ def test_a_good_record_is_consistent(record):
 
 
 def row_of(copy, **wanted):
-    return next(k for k, row in enumerate(copy.link_rows)
-                if all(getattr(row, name) == value for name, value in wanted.items()))  # fmt: skip
+    return next(
+        k
+        for k, row in enumerate(copy.link_rows)
+        if all(getattr(row, name) == value for name, value in wanted.items())
+    )
 
 
 def drop_sample(copy):
@@ -271,14 +283,16 @@ def trial(scenario, episodes, **settings):
 def chaos(paper):
     """A scenario and a schedule with kills and much else."""
     scenario = paper(
-        "section5-delay", "duration_s=2.0",
+        "section5-delay",
+        "duration_s=2.0",
         "expect={formation=true, formation_tolerance_m=1e6}",
-    )  # fmt: skip
+    )
     seed = next(
-        seed for seed in range(100)
+        seed
+        for seed in range(100)
         if [e.action["action"] for e in draw(scenario, seed, 0.5)].count("kill") >= 2
         and len(draw(scenario, seed, 0.5)) >= 6
-    )  # fmt: skip
+    )
     return scenario, draw(scenario, seed, 0.5)
 
 
@@ -322,16 +336,28 @@ def test_a_run_that_depends_on_anything_else_is_found(chaos, monkeypatch):
 
     monkeypatch.setattr(inline._Run, "_start", fickle)
     found = tried(trial(chaos[0], [], twice=True), lambda: False)
-    assert any(p.startswith("not deterministic: first at t = 0 s (tick 0), robot 1, x_m: ")
-               for p in found.problems)  # fmt: skip
+    assert any(
+        p.startswith("not deterministic: first at t = 0 s (tick 0), robot 1, x_m: ")
+        for p in found.problems
+    )
 
 
 def test_the_command_tries_all_seeds(root, tmp_path):
     code, said = formnet(
-        "nemesis", root / "configs" / "paper" / "section5-delay.toml", "--inline", "--runs", 4,
-        "--seed", 7, "--set", "duration_s=2.0", "--set",
-        "expect={formation=true, formation_tolerance_m=1e6}", "--out", tmp_path / "out",
-    )  # fmt: skip
+        "nemesis",
+        root / "configs" / "paper" / "section5-delay.toml",
+        "--inline",
+        "--runs",
+        4,
+        "--seed",
+        7,
+        "--set",
+        "duration_s=2.0",
+        "--set",
+        "expect={formation=true, formation_tolerance_m=1e6}",
+        "--out",
+        tmp_path / "out",
+    )
     assert code == 0
     assert "4 runs, seeds 7 to 10 (" in said
     assert "1 of them run twice and compared: all terminate, are consistent and recover" in said
@@ -347,10 +373,18 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
 
     monkeypatch.setattr(command.files, "write_new", no_room)
     code, said = formnet(
-        "nemesis", root / "configs" / "paper" / "section5-delay.toml", "--inline", "--runs", 1,
-        "--set", "duration_s=0.5", "--set", "expect={formation=true, formation_tolerance_m=1e6}",
-        "--out", tmp_path / "out",
-    )  # fmt: skip
+        "nemesis",
+        root / "configs" / "paper" / "section5-delay.toml",
+        "--inline",
+        "--runs",
+        1,
+        "--set",
+        "duration_s=0.5",
+        "--set",
+        "expect={formation=true, formation_tolerance_m=1e6}",
+        "--out",
+        tmp_path / "out",
+    )
     assert code == 3
     assert "all terminate, are consistent and recover" in said
     assert f"{tmp_path / 'out' / 'nemesis.json'}: No space left on device" in said
@@ -360,23 +394,38 @@ def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):
     """Two seconds are too short for what is claimed, with failures and without."""
     scenario = str(root / "configs" / "paper" / "section5-delay.toml")
     code, said = formnet(
-        "nemesis", scenario, "--inline", "--runs", 1, "--seed", 3, "--set", "duration_s=2.0",
-        "--out", tmp_path / "out",
-    )  # fmt: skip
+        "nemesis",
+        scenario,
+        "--inline",
+        "--runs",
+        1,
+        "--seed",
+        3,
+        "--set",
+        "duration_s=2.0",
+        "--out",
+        tmp_path / "out",
+    )
     assert code == 1
     assert "seed 3 fails:" in said
     assert "does not converge after the healing, formation" in said
-    assert f"repeat it: formnet nemesis {scenario} --set duration_s=2.0 --inline --limit 600 " \
-           "--runs 1 --seed 3" in said  # fmt: skip
+    assert (
+        f"repeat it: formnet nemesis {scenario} --set duration_s=2.0 --inline --limit 600 "
+        "--runs 1 --seed 3" in said
+    )
     assert "(none: it fails without any)" in said
     assert "1 fail: seeds 3" in said
     place = tmp_path / "out" / "seed-3"
     assert "does not converge" in (place / "problems.txt").read_text()
     assert load(place / "shrunk.toml").timeline == []
-    assert load(place / "drawn.toml").timeline == scheduled(
-        load(Path(scenario), ["duration_s=2.0"]), 3,
-        draw(load(Path(scenario), ["duration_s=2.0"]), 3, 0.5),
-    ).timeline  # fmt: skip
+    assert (
+        load(place / "drawn.toml").timeline
+        == scheduled(
+            load(Path(scenario), ["duration_s=2.0"]),
+            3,
+            draw(load(Path(scenario), ["duration_s=2.0"]), 3, 0.5),
+        ).timeline
+    )
 
 
 @pytest.mark.parametrize(
@@ -398,9 +447,11 @@ def test_a_scenario_that_is_none_for_it_is_refused(root, override, words):
 
 def test_distributed_runs_are_compared_with_inline_ones(paper):
     scenario = paper(
-        "section5-delay", "duration_s=1.0", "clock.control_period_s=0.005",
+        "section5-delay",
+        "duration_s=1.0",
+        "clock.control_period_s=0.005",
         "expect={formation=true, formation_tolerance_m=1e6}",
-    )  # fmt: skip
+    )
     episodes = draw(scenario, 4, 0.25)
     assert {"kill", "pause"} <= {e.action["action"] for e in episodes}
     found = tried(trial(scenario, episodes, inline=False, twice=True), lambda: False)

@@ -144,8 +144,15 @@ def test_delays_of_two_impairments_add_up():
 
 def test_stream_depends_on_each_of_its_four_names_and_on_nothing_else():
     base = (7, 1, 2, "delay")
-    others = [(8, 1, 2, "delay"), (7, 3, 2, "delay"), (7, 1, 3, "delay"), (7, 1, 2, "loss"),
-              (7, 2, 1, "delay"), (71, 2, 2, "delay"), (7, 12, 2, "delay")]  # fmt: skip
+    others = [
+        (8, 1, 2, "delay"),
+        (7, 3, 2, "delay"),
+        (7, 1, 3, "delay"),
+        (7, 1, 2, "loss"),
+        (7, 2, 1, "delay"),
+        (71, 2, 2, "delay"),
+        (7, 12, 2, "delay"),
+    ]
     draws = {names: stream(*names).random() for names in [base, *others]}
     assert len(set(draws.values())) == len(draws)
     a, b = stream(*base), stream(*base)

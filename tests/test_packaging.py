@@ -88,16 +88,33 @@ def test_help_loads_nothing_heavy():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stderr.split()
     assert "click" in loaded
-    heavy = {"asyncssh", "cryptography", "jinja2", "matplotlib", "mcap", "networkx", "numpy",
-             "pyarrow", "pydantic", "rerun", "rich", "scipy", "zenoh"}  # fmt: skip
+    heavy = {
+        "asyncssh",
+        "cryptography",
+        "jinja2",
+        "matplotlib",
+        "mcap",
+        "networkx",
+        "numpy",
+        "pyarrow",
+        "pydantic",
+        "rerun",
+        "rich",
+        "scipy",
+        "zenoh",
+    }
     assert heavy.isdisjoint(loaded)
 
 
 def copied(root, source):
     """What a checkout holds of the package, without what was compiled in it."""
     for part in (*PARTS, "formnet"):
-        shutil.copytree(root / part, source / part, symlinks=True,
-                        ignore=shutil.ignore_patterns("*.so", "__py*"))  # fmt: skip
+        shutil.copytree(
+            root / part,
+            source / part,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("*.so", "__py*"),
+        )
     for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(root / file, source)
 
@@ -106,8 +123,13 @@ def built(source, target, what="wheel"):
     """A wheel or an sdist of ``source``, nothing compiled."""
     target.mkdir(exist_ok=True)
     code = f"import setuptools.build_meta as backend; backend.build_{what}({str(target)!r})"
-    subprocess.run([sys.executable, "-c", code], cwd=source, check=True, capture_output=True,
-                   env={**os.environ, "FORMNET_PURE": "1"})  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=source,
+        check=True,
+        capture_output=True,
+        env={**os.environ, "FORMNET_PURE": "1"},
+    )
     (file,) = target.iterdir()
     return file
 
@@ -118,23 +140,29 @@ def test_a_wheel_of_an_sdist_has_the_same_files(root, tmp_path):
     shutil.unpack_archive(sdist, tmp_path / "unpacked", filter="data")
     (folder,) = (tmp_path / "unpacked").iterdir()
     assert not [path for path in folder.rglob("*") if path.is_symlink()]
-    wheels = [built(where, tmp_path / name)
-              for where, name in ((tmp_path / "source", "a"), (folder, "b"))]  # fmt: skip
-    names = [{name for name in ZipFile(wheel).namelist() if "dist-info" not in name}
-             for wheel in wheels]  # fmt: skip
+    wheels = [
+        built(where, tmp_path / name) for where, name in ((tmp_path / "source", "a"), (folder, "b"))
+    ]
+    names = [
+        {name for name in ZipFile(wheel).namelist() if "dist-info" not in name} for wheel in wheels
+    ]
     assert names[0] == names[1]
     assert {name.partition("/")[0] for name in names[0]} == {"formnet"}
-    assert {f"formnet/{file.relative_to(root).as_posix()}"
-            for part in PARTS for kind in ("py", "toml", "j2", "css")
-            for file in (root / part).rglob(f"*.{kind}")} < names[0]  # fmt: skip
+    assert {
+        f"formnet/{file.relative_to(root).as_posix()}"
+        for part in PARTS
+        for kind in ("py", "toml", "j2", "css")
+        for file in (root / part).rglob(f"*.{kind}")
+    } < names[0]
 
 
 def test_a_checkout_without_links_is_told_what_to_do(root, tmp_path):
     copied(root, tmp_path)
     (tmp_path / "formnet" / "agent").unlink()
     (tmp_path / "formnet" / "agent").write_text("../agent")
-    told = subprocess.run([sys.executable, "setup.py", "--version"], cwd=tmp_path, text=True,
-                          capture_output=True)  # fmt: skip
+    told = subprocess.run(
+        [sys.executable, "setup.py", "--version"], cwd=tmp_path, text=True, capture_output=True
+    )
     assert told.returncode == 1
     assert "formnet/agent is a text file where a symbolic link should be" in told.stderr
 
@@ -147,9 +175,11 @@ def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
     venv.create(home)
     python = home / "bin" / "python"
     subprocess.run([*pip, "--python", python, "install", *offline, wheel], check=True)
-    packages = Path(subprocess.check_output(
-        [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], text=True
-    ).strip())  # fmt: skip
+    packages = Path(
+        subprocess.check_output(
+            [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], text=True
+        ).strip()
+    )
     assert (packages / "formnet" / "py.typed").exists()
     assert all((packages / "formnet" / part).is_dir() for part in PARTS)
     assert not any((packages / part).exists() for part in PARTS)
@@ -158,8 +188,16 @@ def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
     empty = tmp_path / "empty"
     empty.mkdir()
     command = [home / "bin" / "formnet", "run", "section5-delay", "--inline", "--out", "mine"]
-    overrides = ("--set", "duration_s=0.2", "--set", "expect.centroid=false",
-                 "--set", "expect.formation=false", "--set", "expect.heading=false")  # fmt: skip
+    overrides = (
+        "--set",
+        "duration_s=0.2",
+        "--set",
+        "expect.centroid=false",
+        "--set",
+        "expect.formation=false",
+        "--set",
+        "expect.heading=false",
+    )
     ran = subprocess.run([*command, *overrides], cwd=empty, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert (empty / "mine" / "states.parquet").exists()

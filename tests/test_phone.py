@@ -20,10 +20,18 @@ FILTERS = "[...document.images].map(i => getComputedStyle(i).filter)"
 def runs(tmp_path_factory):
     """A folder of runs, with one that is drawn."""
     folder = tmp_path_factory.mktemp("phone") / "runs"
-    result = CliRunner().invoke(main, [
-        "run", str(CONFIGS / "paper" / "section5-delay.toml"), "--inline", "--out",
-        str(folder / "short"), "--set", "duration_s=0.4",
-    ])  # fmt: skip
+    result = CliRunner().invoke(
+        main,
+        [
+            "run",
+            str(CONFIGS / "paper" / "section5-delay.toml"),
+            "--inline",
+            "--out",
+            str(folder / "short"),
+            "--set",
+            "duration_s=0.4",
+        ],
+    )
     assert result.exit_code == 1, result.output
     return folder
 
@@ -34,10 +42,16 @@ def browser():
     if program is None:
         missing("chromium")
     with sync_playwright() as tool:
-        chromium = tool.chromium.launch(executable_path=program, args=[
-            "--no-sandbox", "--disable-background-networking", "--disable-component-update",
-            "--disable-sync", "--no-first-run",
-        ])  # fmt: skip
+        chromium = tool.chromium.launch(
+            executable_path=program,
+            args=[
+                "--no-sandbox",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--disable-sync",
+                "--no-first-run",
+            ],
+        )
         yield chromium
         chromium.close()
 

@@ -18,10 +18,17 @@ from formnet.plant.world import BAD_COMMAND, BAD_STATE, World
 
 def body(**changes: float) -> Body:
     values = {
-        "mass_kg": 1.7, "axle_inertia_kgm2": 0.9, "com_offset_m": 0.0, "half_axle_m": 0.5,
-        "wheel_radius_m": 0.2, "torque_limit_nm": math.inf, "linear_friction_nspm": 0.0,
-        "angular_friction_nmsprad": 0.0, "disturbance_force_n": 0.0, "disturbance_torque_nm": 0.0,
-    }  # fmt: skip
+        "mass_kg": 1.7,
+        "axle_inertia_kgm2": 0.9,
+        "com_offset_m": 0.0,
+        "half_axle_m": 0.5,
+        "wheel_radius_m": 0.2,
+        "torque_limit_nm": math.inf,
+        "linear_friction_nspm": 0.0,
+        "angular_friction_nmsprad": 0.0,
+        "disturbance_force_n": 0.0,
+        "disturbance_torque_nm": 0.0,
+    }
     return Body(**(values | changes))
 
 
@@ -45,17 +52,23 @@ def oracle(b: Body, state: State, right: float, left: float, period_s: float) ->
 
 bodies = st.builds(
     body,
-    mass_kg=st.floats(0.5, 50), axle_inertia_kgm2=st.floats(0.5, 20),
+    mass_kg=st.floats(0.5, 50),
+    axle_inertia_kgm2=st.floats(0.5, 20),
     com_offset_m=st.sampled_from([0.0, 0.1, -0.2]),
     linear_friction_nspm=st.sampled_from([0.0, 3.0]),
     angular_friction_nmsprad=st.sampled_from([0.0, 2.0]),
-    disturbance_force_n=st.floats(-5, 5), disturbance_torque_nm=st.floats(-5, 5),
+    disturbance_force_n=st.floats(-5, 5),
+    disturbance_torque_nm=st.floats(-5, 5),
     torque_limit_nm=st.sampled_from([math.inf, 4.0]),
-)  # fmt: skip
+)
 states = st.builds(
-    State, st.floats(-50, 50), st.floats(-50, 50), st.floats(-7, 7), st.floats(-30, 30),
+    State,
+    st.floats(-50, 50),
+    st.floats(-50, 50),
+    st.floats(-7, 7),
+    st.floats(-30, 30),
     st.floats(-12, 12),
-)  # fmt: skip
+)
 torques = st.floats(-20, 20)
 
 

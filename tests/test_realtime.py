@@ -224,8 +224,11 @@ def test_delays_come_on_top_of_the_network_s():
 
 def test_broadcasts_are_sent_every_so_many_periods_also_after_missed_ones():
     one = robot()
-    sent = [number for number in (0, 1, 4, 5, 6, 13, 14, 15, 16, 20)
-            if one.on_measured(measured(number, number * 10 * MS))[0] is not None]  # fmt: skip
+    sent = [
+        number
+        for number in (0, 1, 4, 5, 6, 13, 14, 15, 16, 20)
+        if one.on_measured(measured(number, number * 10 * MS))[0] is not None
+    ]
     assert sent == [0, 5, 13, 15, 20]
 
 
@@ -248,14 +251,22 @@ def test_a_silent_neighbour_is_dropped_and_comes_back():
         (2, broadcast(2, 5, 5 * MS), 20 * MS, "replayed: sequence or stamp is not newer"),
         (2, broadcast(2, 1, MOST_AHEAD_NS + 21 * MS), 20 * MS, "stamped in the future"),
         (2, broadcast(2, 1, 11 * MS), MOST_BEHIND_NS + 12 * MS, "stamped long ago"),
-        (2, (broadcast(2, 1, 11 * MS)[0][:-1], broadcast(2, 1, 11 * MS)[1]), 20 * MS,
-         "malformed: not 72 bytes"),
+        (
+            2,
+            (broadcast(2, 1, 11 * MS)[0][:-1], broadcast(2, 1, 11 * MS)[1]),
+            20 * MS,
+            "malformed: not 72 bytes",
+        ),
         (2, broadcast(2, 1, 11 * MS, robot=3), 20 * MS, "claims to be another robot"),
         (2, broadcast(2, 1, 11 * MS, tag=run_tag("else")), 20 * MS, "another run"),
-        (2, (broadcast(2, 1, 3 * MOST_AHEAD_NS)[0], broadcast(2, 1, 11 * MS)[1]), 20 * MS,
-         "stamped at another time than it was sent"),
+        (
+            2,
+            (broadcast(2, 1, 3 * MOST_AHEAD_NS)[0], broadcast(2, 1, 11 * MS)[1]),
+            20 * MS,
+            "stamped at another time than it was sent",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_neighbour_that_lies_is_refused_and_counted(source, message, now_ns, reason):
     one = robot()
     one.on_broadcast(2, *broadcast(2, 0, 10 * MS), now_ns=10 * MS)
@@ -344,17 +355,24 @@ def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
 
 def test_robots_that_fail_in_real_time(start):
     run = start(
-        "duration_s=9.0", "run.patience_s=2.0",
+        "duration_s=9.0",
+        "run.patience_s=2.0",
         'timeline=[{action="kill", at_s=2.5, robots=2, restart_after_s=1.0}, '
         '{action="pause", at_s=1.0, robots=3, resume_after_s=1.5}]',
-    )  # fmt: skip
+    )
     run.until_event("restart")
     run.child(5).send_signal(signal.SIGKILL)
     run.child(1).send_signal(signal.SIGSTOP)
     assert run.process.wait(60) == 1, run.log.read_text()
     events = [(e["event"], e.get("robots", e.get("robot"))) for e in run.events()]
-    for expected in [("kill", [2]), ("pause", [3]), ("restart", [2]), ("resume", [3]),
-                     ("lost", 5), ("lost", 1)]:  # fmt: skip
+    for expected in [
+        ("kill", [2]),
+        ("pause", [3]),
+        ("restart", [2]),
+        ("resume", [3]),
+        ("lost", 5),
+        ("lost", 1),
+    ]:
         assert expected in events
     judged = run.verdict()
     assert judged["robots"]["judged"] == [2, 3, 4]
@@ -378,9 +396,11 @@ def test_robots_that_fail_in_real_time(start):
 @pytest.mark.parametrize("policy", ["continue", "abort"])
 def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
     run = start(
-        "duration_s=4.0", "run.patience_s=3.0", f"run.on_unscheduled_loss={policy}",
+        "duration_s=4.0",
+        "run.patience_s=3.0",
+        f"run.on_unscheduled_loss={policy}",
         'timeline=[{action="pause", at_s=2.0, robots=3, resume_after_s=0.1}]',
-    )  # fmt: skip
+    )
     run.until_event("resume")
     run.child(1).send_signal(signal.SIGSTOP)
     code = run.process.wait(60)
@@ -420,7 +440,9 @@ def test_a_plant_in_real_time_that_dies_ends_the_run(start):
 def test_what_needs_virtual_time_says_so(tmp_path, command, words):
     result = subprocess.run(
         [sys.executable, "-m", "formnet", command[0], str(YARD), *command[1:]],
-        cwd=tmp_path, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
     assert result.returncode == 2
     assert words in " ".join((result.stdout + result.stderr).split())

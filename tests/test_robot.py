@@ -645,10 +645,19 @@ def answer_of(make, what):
 
 @pytest.mark.parametrize(
     "error",
-    [ValueError("no root"), ZeroDivisionError(), KeyError(3), StopIteration(), MemoryError(),
-     RecursionError("deep"), AssertionError("mine"), np.linalg.LinAlgError("singular"), Odd("x y")],
+    [
+        ValueError("no root"),
+        ZeroDivisionError(),
+        KeyError(3),
+        StopIteration(),
+        MemoryError(),
+        RecursionError("deep"),
+        AssertionError("mine"),
+        np.linalg.LinAlgError("singular"),
+        Odd("x y"),
+    ],
     ids=lambda error: type(error).__name__,
-)  # fmt: skip
+)
 def test_exception_of_a_law_is_wrapped_with_robot_and_reason(make, error):
     with pytest.raises(LawFailed) as caught:
         answer_of(make, raiser(error))
@@ -660,10 +669,27 @@ def test_exception_of_a_law_is_wrapped_with_robot_and_reason(make, error):
 
 @pytest.mark.parametrize(
     "value",
-    [None, 1.0, (), (1.0,), (1.0, 2.0, 3.0), ("a", "b"), (None, 1.0), (1.0, 2j), object(),
-     ([1.0], 2.0), Command("fast", 0.0), (10**400, 0.0), np.zeros((2, 2)), np.zeros(3), {}, "", b"xyz"],
+    [
+        None,
+        1.0,
+        (),
+        (1.0,),
+        (1.0, 2.0, 3.0),
+        ("a", "b"),
+        (None, 1.0),
+        (1.0, 2j),
+        object(),
+        ([1.0], 2.0),
+        Command("fast", 0.0),
+        (10**400, 0.0),
+        np.zeros((2, 2)),
+        np.zeros(3),
+        {},
+        "",
+        b"xyz",
+    ],
     ids=lambda value: repr(value)[:20],
-)  # fmt: skip
+)
 def test_what_is_no_pair_of_numbers_fails_the_law(make, value):
     with pytest.raises(LawFailed) as caught:
         answer_of(make, lambda: value)

@@ -47,9 +47,21 @@ class Run:
         self.log = out.with_suffix(".log")
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "formnet", "run", "--no-figures", *arguments, "--out", str(out)],
-                cwd=root, stdout=log, stderr=subprocess.STDOUT, env={**os.environ, **(env or {})},
-            )  # fmt: skip
+                [
+                    sys.executable,
+                    "-m",
+                    "formnet",
+                    "run",
+                    "--no-figures",
+                    *arguments,
+                    "--out",
+                    str(out),
+                ],
+                cwd=root,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **(env or {})},
+            )
 
     def wait(self, timeout: float = 90.0) -> int:
         return self.process.wait(timeout)
@@ -76,8 +88,12 @@ class Run:
         return found
 
 
-def until(condition: Callable[[], bool], what: str, context: Callable[[], str] = str,
-          timeout: float = 60.0) -> float:  # fmt: skip
+def until(
+    condition: Callable[[], bool],
+    what: str,
+    context: Callable[[], str] = str,
+    timeout: float = 60.0,
+) -> float:
     """Poll until ``condition`` holds; returns how long it took."""
     start = time.monotonic()
     while not condition():
@@ -185,18 +201,21 @@ def test_faults_are_the_same_in_a_distributed_an_inline_and_a_loaded_run(start):
     assert tables[0].equals(tables[2])
     assert {"delivered", "in flight", "lost: receiver down"} == set(tables[0]["fate"].to_pylist())
     verbs = ("kill", "restart", "pause", "resume")
-    happened = [[(e["t_s"], e["event"], e["robots"]) for e in run.events() if e["event"] in verbs]
-                for run in runs]  # fmt: skip
+    happened = [
+        [(e["t_s"], e["event"], e["robots"]) for e in run.events() if e["event"] in verbs]
+        for run in runs
+    ]
     assert happened[0] == happened[1] == happened[2]
 
 
 def test_a_long_pause_fills_no_buffer_and_changes_no_bit(start):
     """28,000 broadcasts to a stopped process; the system's buffers hold about 20,000."""
     long = (
-        "duration_s=8.5", "clock.broadcast_period_s=0.001",
+        "duration_s=8.5",
+        "clock.broadcast_period_s=0.001",
         "formation.edges=[[1,2],[1,3],[1,4],[1,5],[2,3],[3,4],[4,5],[5,2]]",
         'timeline=[{action="pause", at_s=0.5, robots=1, resume_after_s=7.0}]',
-    )  # fmt: skip
+    )
     runs = [start("inline", "--inline", *long), start("distributed", *long)]
     codes = [run.wait(120) for run in runs]
     assert codes == [1, 1]  # too short for the claims
@@ -252,9 +271,17 @@ def test_a_robot_lost_before_its_planned_restart_comes_back_then(start):
 def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
     """Before anything of the command is imported: this checkout has no command at all."""
     (tmp_path / "setup.py").touch()
-    needed = ("formnet/__init__.py", "formnet/__main__.py", "lab/__init__.py", "lab/cli.py",
-              "lab/program.py", "lab/streams.py", "lab/runs/__init__.py", "lab/runs/build.py",
-              "lab/runs/exits.py")  # fmt: skip
+    needed = (
+        "formnet/__init__.py",
+        "formnet/__main__.py",
+        "lab/__init__.py",
+        "lab/cli.py",
+        "lab/program.py",
+        "lab/streams.py",
+        "lab/runs/__init__.py",
+        "lab/runs/build.py",
+        "lab/runs/exits.py",
+    )
     for name in needed:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes((root / name).read_bytes())
@@ -264,10 +291,13 @@ def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
     for path, age in ((built, 100), (source, 200)):
         path.touch()
         os.utime(path, (age, age))
-    for said in ("agent/robot.py is newer than its compiled module: run `make build`",
-                 "was compiled from a source that is gone: delete it"):  # fmt: skip
-        run = subprocess.run([sys.executable, "-m", "formnet", "laws"], cwd=tmp_path,
-                             capture_output=True, text=True)  # fmt: skip
+    for said in (
+        "agent/robot.py is newer than its compiled module: run `make build`",
+        "was compiled from a source that is gone: delete it",
+    ):
+        run = subprocess.run(
+            [sys.executable, "-m", "formnet", "laws"], cwd=tmp_path, capture_output=True, text=True
+        )
         assert run.returncode == 2
         assert said in run.stderr
         source.unlink(missing_ok=True)
@@ -277,8 +307,10 @@ def test_damaged_and_doubled_broadcasts_are_survived_and_counted(start):
     network = (
         'network.default={preset="wifi", duplicate={probability=0.2}, corrupt={probability=0.3}}'
     )
-    runs = [start(kind, "duration_s=0.6", network, *more)
-            for kind, more in (("distributed", ()), ("inline", ("--inline",)))]  # fmt: skip
+    runs = [
+        start(kind, "duration_s=0.6", network, *more)
+        for kind, more in (("distributed", ()), ("inline", ("--inline",)))
+    ]
     tables = []
     for run in runs:
         assert run.wait() == 1  # too short for the claims
@@ -294,8 +326,9 @@ def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     """An install compiles the hot path where it can; the source alone must give the same bits."""
     if not build.compiled():
         missing("gcc")
-    shutil.copytree(root / "formnet", tmp_path / "source" / "formnet",
-                    ignore=shutil.ignore_patterns("*.so"))  # fmt: skip
+    shutil.copytree(
+        root / "formnet", tmp_path / "source" / "formnet", ignore=shutil.ignore_patterns("*.so")
+    )
     short = ("--inline", "duration_s=0.6", *RANDOM_NETWORK)
     alone = {"PYTHONPATH": str(tmp_path / "source"), "PYTHONSAFEPATH": "1"}
     interpreted = start("interpreted", *short, env=alone)
@@ -419,8 +452,9 @@ def test_strangers_on_the_bus_are_refused_counted_and_change_nothing(start, root
         records = list(record.read(stream))
     rejected = {
         (r.details["robot"], r.details["source"])
-        for r in records if isinstance(r, record.Event) and r.kind == "rejected"
-    }  # fmt: skip
+        for r in records
+        if isinstance(r, record.Event) and r.kind == "rejected"
+    }
     assert {(2, 1), (5, 1), ("plant", 2)} <= rejected
     samples = [row for r in records if isinstance(r, record.Samples) for row in r.rows]
     from formnet.lab.runs.recording import trajectory_sha256
@@ -534,7 +568,7 @@ def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
     env = install_law(tmp_path, body)
     run = start(
         "plug-in", "law.kind=broken", "duration_s=2.0", "run.patience_s=1.0", "expect={}", env=env
-    )  # fmt: skip
+    )
     assert run.wait() == 1  # nothing was claimed, but a robot is lost
     said = " ".join(run.output().split())
     assert "had not answered after 10 s (it is at broken_law.py:5) when it was tried" in said
@@ -542,8 +576,11 @@ def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
     assert "nothing was claimed, but not all went well" in said
     again = subprocess.run(
         [sys.executable, "-m", "formnet", "verify", str(run.out)],
-        capture_output=True, text=True, timeout=60.0, env={**os.environ, **env},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        env={**os.environ, **env},
+    )
     assert again.returncode == 0
     assert "identical up to t = 0.1 s, where something unplanned happened" in again.stdout
 
@@ -598,9 +635,23 @@ def test_a_plug_in_law_runs(start, tmp_path):
 
 def test_endpoints_off_loopback_are_refused(root):
     result = subprocess.run(
-        [sys.executable, "-m", "formnet", "agent", "--robot", "1", "--run", "x",
-         "--connect", "tcp/192.0.2.1:7447"],
-        cwd=root, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "agent",
+            "--robot",
+            "1",
+            "--run",
+            "x",
+            "--connect",
+            "tcp/192.0.2.1:7447",
+        ],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert result.returncode == 3
     assert "off loopback, messages are encrypted and authorised" in result.stderr

@@ -21,73 +21,183 @@ def problems(text: str, *overrides: str) -> list[str]:
 
 # What is changed in a good file (old, new), and what must be said about it.
 BAD = {
-    "unknown key": ("beta = 10.0", "betta = 10.0", "law.betta = 10.0: unknown key; did you mean 'beta'?"),
-    "unknown table": ("[clock]", "[clokc]", "clokc = {'mode': 'lockstep', 'control_period_s': 0.001, 'broadcas...: "
-                      "unknown key; did you mean 'clock'?"),
-    "unknown key in a union": ("mean_s = 0.1", "men_s = 0.1",
-                               "network.default.delay.men_s = 0.1: unknown key; did you mean 'mean_s'?"),
-    "nothing near": ("seed = 1", "zzz = 1", "zzz = 1: unknown key; valid keys here: clock, description, "
-                     "duration_s, expect, formation, hosts, law, name, neighbours, network, plant, robot_defaults, robots, "
-                     "run, seed, timeline"),
+    "unknown key": (
+        "beta = 10.0",
+        "betta = 10.0",
+        "law.betta = 10.0: unknown key; did you mean 'beta'?",
+    ),
+    "unknown table": (
+        "[clock]",
+        "[clokc]",
+        "clokc = {'mode': 'lockstep', 'control_period_s': 0.001, 'broadcas...: "
+        "unknown key; did you mean 'clock'?",
+    ),
+    "unknown key in a union": (
+        "mean_s = 0.1",
+        "men_s = 0.1",
+        "network.default.delay.men_s = 0.1: unknown key; did you mean 'mean_s'?",
+    ),
+    "nothing near": (
+        "seed = 1",
+        "zzz = 1",
+        "zzz = 1: unknown key; valid keys here: clock, description, "
+        "duration_s, expect, formation, hosts, law, name, neighbours, network, plant, robot_defaults, robots, "
+        "run, seed, timeline",
+    ),
     "missing key": ('name = "section5-delay"', "", "name: is required"),
-    "missing in a robot": ("offset_m = [4.0, 0.0]\n", "", "robots[4].offset_m: is required (robot 5)"),
+    "missing in a robot": (
+        "offset_m = [4.0, 0.0]\n",
+        "",
+        "robots[4].offset_m: is required (robot 5)",
+    ),
     "text for a number": ("beta = 10.0", 'beta = "ten"', "law.beta = 'ten': must be a number"),
-    "text for seconds": ("duration_s = 40.0", 'duration_s = "50ms"',
-                         "duration_s = '50ms': must be a number, of seconds"),
+    "text for seconds": (
+        "duration_s = 40.0",
+        'duration_s = "50ms"',
+        "duration_s = '50ms': must be a number, of seconds",
+    ),
     "number for a text": ('name = "section5-delay"', "name = 5", "name = 5: must be a string"),
     "truth for a number": ("gamma = 0.1", "gamma = true", "law.gamma = true: must be a number"),
-    "fraction for an id": ("id = 5", "id = 5.5", "robots[4].id = 5.5: must be a whole number (robot 5.5)"),
-    "text for a truth": ("centroid = true ", 'centroid = "yes" ', "expect.centroid = 'yes': must be true or false"),
-    "number for a table": ("start = { x_m = 12.1, y_m = 37.0, heading_rad = -2.0 }", "start = 3",
-                           "robots[4].start = 3: must be a table (robot 5)"),
-    "not one of the words": ('level = "dynamic"', 'level = "dynamik"',
-                             "law.level = 'dynamik': must be 'kinematic' or 'dynamic'; did you mean 'dynamic'?"),
-    "unknown distribution": ('"constant"', '"gauss"', "network.default.delay.distribution = 'gauss': "
-                             "must be one of 'constant', 'uniform', 'normal', 'lognormal', 'gamma', 'weibull', 'pareto', 'exponential', 'empirical', 'trace'"),
-    "unknown preset": ('delay = { distribution = "constant", mean_s = 0.1 }', 'preset = "wify"', "network.default.preset = 'wify': "
-                       "must be one of 'ideal', 'lan', 'wifi', 'wifi-congested', 'lte', 'satellite', 'robot-link'; did you mean 'wifi'?"),
-    "negative mass": ("mass_kg = 1.0", "mass_kg = -1.0", "robot_defaults.mass_kg = -1.0: must be greater than 0"),
-    "negative damping": ("damping = 4.0", "damping = -4.0", "robots[0].damping = -4.0: must be at least 0 (robot 1)"),
+    "fraction for an id": (
+        "id = 5",
+        "id = 5.5",
+        "robots[4].id = 5.5: must be a whole number (robot 5.5)",
+    ),
+    "text for a truth": (
+        "centroid = true ",
+        'centroid = "yes" ',
+        "expect.centroid = 'yes': must be true or false",
+    ),
+    "number for a table": (
+        "start = { x_m = 12.1, y_m = 37.0, heading_rad = -2.0 }",
+        "start = 3",
+        "robots[4].start = 3: must be a table (robot 5)",
+    ),
+    "not one of the words": (
+        'level = "dynamic"',
+        'level = "dynamik"',
+        "law.level = 'dynamik': must be 'kinematic' or 'dynamic'; did you mean 'dynamic'?",
+    ),
+    "unknown distribution": (
+        '"constant"',
+        '"gauss"',
+        "network.default.delay.distribution = 'gauss': "
+        "must be one of 'constant', 'uniform', 'normal', 'lognormal', 'gamma', 'weibull', 'pareto', 'exponential', 'empirical', 'trace'",
+    ),
+    "unknown preset": (
+        'delay = { distribution = "constant", mean_s = 0.1 }',
+        'preset = "wify"',
+        "network.default.preset = 'wify': "
+        "must be one of 'ideal', 'lan', 'wifi', 'wifi-congested', 'lte', 'satellite', 'robot-link'; did you mean 'wifi'?",
+    ),
+    "negative mass": (
+        "mass_kg = 1.0",
+        "mass_kg = -1.0",
+        "robot_defaults.mass_kg = -1.0: must be greater than 0",
+    ),
+    "negative damping": (
+        "damping = 4.0",
+        "damping = -4.0",
+        "robots[0].damping = -4.0: must be at least 0 (robot 1)",
+    ),
     "not finite": ("gamma = 0.1", "gamma = inf", "law.gamma = inf: must be finite"),
-    "pair too long": ("offset_m = [4.0, 0.0]", "offset_m = [4.0, 0.0, 1.0]",
-                      "robots[4].offset_m = [4.0, 0.0, 1.0]: must have exactly 2 items (robot 5)"),
-    "edge to a missing robot": ("[5, 1]]", "[5, 9]]",
-                                "formation.edges[4]: robot 9 does not exist (robots: 1, 2, 3, 4, 5)"),
-    "edge to itself": ("[5, 1]]", "[5, 5]]", "formation.edges[4] = [5, 5]: joins a robot to itself"),
-    "edge twice": ("[5, 1]]", "[2, 1]]",
-                   "formation.edges[4] = [2, 1]: repeats formation.edges[0]; edges have no direction"),
-    "id twice": ("[expect]", "[[robots]]\nid = 2\noffset_m = [0.0, 0.0]\nstart = { x_m = 0.0, y_m = 0.0 }\n[expect]",
-                 "robots[5].id = 2: already used by robots[1]"),
-    "broadcast period": ("broadcast_period_s = 0.01", "broadcast_period_s = 0.0105",
-                         "clock.broadcast_period_s = 0.0105: must be a multiple of control_period_s = 0.001: times are whole nanoseconds, "
-                         "and 10500000 ns is no multiple of 1000000 ns (nearest: 0.01 or 0.011)"),
-    "duration": ("duration_s = 40.0", "duration_s = 40.0005",
-                 "duration_s = 40.0005: must be a multiple of clock.control_period_s = 0.001: times are whole nanoseconds, "
-                 "and 40000500000 ns is no multiple of 1000000 ns (nearest: 40.0 or 40.001)"),
-    "coupling misses an edge": ("coupling = 2.0", 'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0 }',
-                                'formation.coupling."5-1": is required: a table needs one weight for every edge'),
-    "coupling of the wrong kind": ("coupling = 2.0", 'coupling = "strong"', "formation.coupling = 'strong': must be a number"),
-    "negative coupling": ("coupling = 2.0", "coupling = -2.0", "formation.coupling = -2.0: must be greater than 0"),
-    "negative coupling of an edge": ("coupling = 2.0", 'coupling = { "1-2" = -2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, "5-1" = 2.0 }',
-                                     "formation.coupling.1-2 = -2.0: must be greater than 0"),
-    "pair too short": ("offset_m = [4.0, 0.0]", "offset_m = [4.0]", "robots[4].offset_m[1]: is required (robot 5)"),
-    "coupling of no edge": ("coupling = 2.0", 'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, '
-                            '"5-1" = 2.0, "1-3" = 1.0 }',
-                            'formation.coupling."1-3" = 1.0: names no edge of formation.edges'),
-    "link from nowhere": ("[robot_defaults]", '[[network.links]]\nfrom = [7]\nto = [1]\n[robot_defaults]',
-                          "network.links[0].from: robot 7 does not exist (robots: 1, 2, 3, 4, 5)"),
-    "loss above one": ("[robot_defaults]", '[[network.links]]\nfrom = [1]\nto = [2]\n'
-                       'loss = { model = "random", probability = 1.5 }\n[robot_defaults]',
-                       "network.links[0].loss.probability = 1.5: must be at most 1"),
-    "empty range": ("[robot_defaults]", '[[network.links]]\nfrom = [1]\nto = [2]\n'
-                    'delay = { distribution = "uniform", low_s = 0.3, high_s = 0.1 }\n[robot_defaults]',
-                    "network.links[0].delay = {'distribution': 'uniform', 'low_s': 0.3, 'high_s': 0.1}: "
-                    "low_s = 0.3 must not exceed high_s = 0.1"),
-    "window too long": ("[expect]", "[expect]\nwindow_s = 50.0",
-                        "expect.window_s = 50.0: must not exceed duration_s = 40.0"),
-    "name no folder can have": ('name = "section5-delay"', 'name = "../x"',
-                                "name = '../x': must start with a letter or digit; then letters, digits, . _ -"),
-}  # fmt: skip
+    "pair too long": (
+        "offset_m = [4.0, 0.0]",
+        "offset_m = [4.0, 0.0, 1.0]",
+        "robots[4].offset_m = [4.0, 0.0, 1.0]: must have exactly 2 items (robot 5)",
+    ),
+    "edge to a missing robot": (
+        "[5, 1]]",
+        "[5, 9]]",
+        "formation.edges[4]: robot 9 does not exist (robots: 1, 2, 3, 4, 5)",
+    ),
+    "edge to itself": (
+        "[5, 1]]",
+        "[5, 5]]",
+        "formation.edges[4] = [5, 5]: joins a robot to itself",
+    ),
+    "edge twice": (
+        "[5, 1]]",
+        "[2, 1]]",
+        "formation.edges[4] = [2, 1]: repeats formation.edges[0]; edges have no direction",
+    ),
+    "id twice": (
+        "[expect]",
+        "[[robots]]\nid = 2\noffset_m = [0.0, 0.0]\nstart = { x_m = 0.0, y_m = 0.0 }\n[expect]",
+        "robots[5].id = 2: already used by robots[1]",
+    ),
+    "broadcast period": (
+        "broadcast_period_s = 0.01",
+        "broadcast_period_s = 0.0105",
+        "clock.broadcast_period_s = 0.0105: must be a multiple of control_period_s = 0.001: times are whole nanoseconds, "
+        "and 10500000 ns is no multiple of 1000000 ns (nearest: 0.01 or 0.011)",
+    ),
+    "duration": (
+        "duration_s = 40.0",
+        "duration_s = 40.0005",
+        "duration_s = 40.0005: must be a multiple of clock.control_period_s = 0.001: times are whole nanoseconds, "
+        "and 40000500000 ns is no multiple of 1000000 ns (nearest: 40.0 or 40.001)",
+    ),
+    "coupling misses an edge": (
+        "coupling = 2.0",
+        'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0 }',
+        'formation.coupling."5-1": is required: a table needs one weight for every edge',
+    ),
+    "coupling of the wrong kind": (
+        "coupling = 2.0",
+        'coupling = "strong"',
+        "formation.coupling = 'strong': must be a number",
+    ),
+    "negative coupling": (
+        "coupling = 2.0",
+        "coupling = -2.0",
+        "formation.coupling = -2.0: must be greater than 0",
+    ),
+    "negative coupling of an edge": (
+        "coupling = 2.0",
+        'coupling = { "1-2" = -2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, "5-1" = 2.0 }',
+        "formation.coupling.1-2 = -2.0: must be greater than 0",
+    ),
+    "pair too short": (
+        "offset_m = [4.0, 0.0]",
+        "offset_m = [4.0]",
+        "robots[4].offset_m[1]: is required (robot 5)",
+    ),
+    "coupling of no edge": (
+        "coupling = 2.0",
+        'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, '
+        '"5-1" = 2.0, "1-3" = 1.0 }',
+        'formation.coupling."1-3" = 1.0: names no edge of formation.edges',
+    ),
+    "link from nowhere": (
+        "[robot_defaults]",
+        "[[network.links]]\nfrom = [7]\nto = [1]\n[robot_defaults]",
+        "network.links[0].from: robot 7 does not exist (robots: 1, 2, 3, 4, 5)",
+    ),
+    "loss above one": (
+        "[robot_defaults]",
+        "[[network.links]]\nfrom = [1]\nto = [2]\n"
+        'loss = { model = "random", probability = 1.5 }\n[robot_defaults]',
+        "network.links[0].loss.probability = 1.5: must be at most 1",
+    ),
+    "empty range": (
+        "[robot_defaults]",
+        "[[network.links]]\nfrom = [1]\nto = [2]\n"
+        'delay = { distribution = "uniform", low_s = 0.3, high_s = 0.1 }\n[robot_defaults]',
+        "network.links[0].delay = {'distribution': 'uniform', 'low_s': 0.3, 'high_s': 0.1}: "
+        "low_s = 0.3 must not exceed high_s = 0.1",
+    ),
+    "window too long": (
+        "[expect]",
+        "[expect]\nwindow_s = 50.0",
+        "expect.window_s = 50.0: must not exceed duration_s = 40.0",
+    ),
+    "name no folder can have": (
+        'name = "section5-delay"',
+        'name = "../x"',
+        "name = '../x': must start with a letter or digit; then letters, digits, . _ -",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -142,12 +252,24 @@ def test_times_have_bounds(override, message):
 
 def test_all_problems_are_reported_together():
     text = GOOD
-    for case in ("unknown key", "not one of the words", "edge to a missing robot", "negative damping",
-                 "broadcast period", "missing in a robot"):  # fmt: skip
+    for case in (
+        "unknown key",
+        "not one of the words",
+        "edge to a missing robot",
+        "negative damping",
+        "broadcast period",
+        "missing in a robot",
+    ):
         text = text.replace(*BAD[case][:2], 1)
     found = problems(text)
-    for case in ("unknown key", "not one of the words", "edge to a missing robot", "negative damping",
-                 "broadcast period", "missing in a robot"):  # fmt: skip
+    for case in (
+        "unknown key",
+        "not one of the words",
+        "edge to a missing robot",
+        "negative damping",
+        "broadcast period",
+        "missing in a robot",
+    ):
         assert BAD[case][2] in found
     assert len(found) == 6
 
@@ -199,10 +321,18 @@ def test_bad_override_is_named(override, message):
 
 def test_overrides_reach_tables_lists_and_robots_by_id():
     text = GOOD.replace("id = 5", "id = 50").replace("[4, 5], [5, 1]", "[4, 50], [50, 1]")
-    scenario = loads(text, "f", [
-        "law.beta=7.5", "robots.50.damping=1.5", "formation.edges.0=[1, 3]", "name=other",
-        "network.default.loss.probability=0.25", "robots.50.start.x_m=-1",
-    ])  # fmt: skip
+    scenario = loads(
+        text,
+        "f",
+        [
+            "law.beta=7.5",
+            "robots.50.damping=1.5",
+            "formation.edges.0=[1, 3]",
+            "name=other",
+            "network.default.loss.probability=0.25",
+            "robots.50.start.x_m=-1",
+        ],
+    )
     assert scenario.law.beta == 7.5
     assert scenario.vehicles[50].damping == 1.5
     assert scenario.formation.edges[0] == (1, 3)
@@ -251,9 +381,15 @@ def test_check_reports_numbers_and_theorem():
 def test_check_warns_of_broken_assumptions():
     result = CliRunner().invoke(
         main,
-        ["check", str(PAPER / "section5.toml"), "--set", "law.w1.bias=0", "--set",
-         "formation.edges=[[1, 2], [3, 4]]"],
-    )  # fmt: skip
+        [
+            "check",
+            str(PAPER / "section5.toml"),
+            "--set",
+            "law.w1.bias=0",
+            "--set",
+            "formation.edges=[[1, 2], [3, 4]]",
+        ],
+    )
     assert result.exit_code == 0
     assert "warning: Assumption 1" in result.output
     assert "{1, 2}, {3, 4}, {5}" in result.output

@@ -284,7 +284,10 @@ BROKEN = {
     "out of bounds": ("duration_s", 0.0),
     "not one of the words": ("clock", {"mode": "fast"}),
     "a delay without its kind": ("network", {"default": {"delay": {"mean_s": 0.1}}}),
-    "a key of another kind": ("network", {"default": {"delay": {"distribution": "constant", "low_s": 0.1}}}),
+    "a key of another kind": (
+        "network",
+        {"default": {"delay": {"distribution": "constant", "low_s": 0.1}}},
+    ),
     "no numbers and no file": ("network", {"default": {"delay": {"distribution": "empirical"}}}),
     "unknown preset": ("network", {"default": {"preset": "wlan"}}),
     "a preset that is no word": ("network", {"default": {"preset": ["wifi"]}}),
@@ -295,7 +298,7 @@ BROKEN = {
     "no robots": ("robots", []),
     "an edge of three": ("formation", {"edges": [[1, 2, 3]]}),
     "unknown action": ("timeline", [{"action": "explode", "at_s": 1.0}]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BROKEN)

@@ -160,11 +160,13 @@ def test_a_folder_of_keys_that_lacks_something(folder, tmp_path):
 def test_everybody_can_do_what_is_theirs(hub, folder):
     names = bus.Keys("run")
     with (
-        client(hub, folder, "robot-1") as one, client(hub, folder, "robot-3") as three,
+        client(hub, folder, "robot-1") as one,
+        client(hub, folder, "robot-3") as three,
         client(hub, folder, "monitor") as monitor,
-        listening(one, names.to_robot(1)) as told, listening(one, names.broadcast(3)) as heard,
+        listening(one, names.to_robot(1)) as told,
+        listening(one, names.broadcast(3)) as heard,
         listening(monitor, names.broadcasts) as watched,
-    ):  # fmt: skip
+    ):
         token = three.liveliness().declare_token(names.robot_alive(3))
         to_plant, to_all = (
             bus.publisher(three, key) for key in (names.from_robot(3), names.broadcast(3))
@@ -175,8 +177,13 @@ def test_everybody_can_do_what_is_theirs(hub, folder):
             to_plant.put(b"drive")
             to_all.put(b"state")
             sense.put(b"sense")
-            return ((names.from_robot(3), b"drive") in hub.heard and names.robot_alive(3) in
-                    hub.alive and told and heard and watched)  # fmt: skip
+            return (
+                (names.from_robot(3), b"drive") in hub.heard
+                and names.robot_alive(3) in hub.alive
+                and told
+                and heard
+                and watched
+            )
 
         until(all_through)
         del token
@@ -187,12 +194,18 @@ def test_everybody_can_do_what_is_theirs(hub, folder):
 @pytest.mark.parametrize(
     ("who", "key"),
     [
-        ("robot-3", "from-robot/1"), ("robot-3", "broadcast/1"), ("robot-3", "to-robot/1"),
-        ("robot-3", "to-robot/3"), ("robot-3", "**"), ("robot-3", "alive/plant"),
-        ("monitor", "broadcast/1"), ("monitor", "to-robot/1"), ("monitor", "from-robot/1"),
+        ("robot-3", "from-robot/1"),
+        ("robot-3", "broadcast/1"),
+        ("robot-3", "to-robot/1"),
+        ("robot-3", "to-robot/3"),
+        ("robot-3", "**"),
+        ("robot-3", "alive/plant"),
+        ("monitor", "broadcast/1"),
+        ("monitor", "to-robot/1"),
+        ("monitor", "from-robot/1"),
         ("monitor", "anything"),
     ],
-)  # fmt: skip
+)
 def test_nobody_can_do_what_is_another_s(hub, folder, who, key):
     """A message that is allowed comes after: what did not come before it never does."""
     mine = "from-robot/2"
@@ -223,11 +236,12 @@ def test_nobody_can_do_what_is_another_s(hub, folder, who, key):
 
 def test_a_robot_cannot_listen_to_what_is_told_to_another(hub, folder):
     with (
-        client(hub, folder, "robot-3") as curious, client(hub, folder, "robot-1") as one,
+        client(hub, folder, "robot-3") as curious,
+        client(hub, folder, "robot-1") as one,
         listening(curious, "formnet/run/to-robot/1") as stolen,
         listening(curious, "formnet/**") as all_of_it,
         listening(one, "formnet/run/to-robot/1") as told,
-    ):  # fmt: skip
+    ):
         sense = bus.publisher(hub.session, "formnet/run/to-robot/1")
         until(lambda: sense.put(b"sense") or len(told) > 20)
         assert stolen == all_of_it == []
@@ -260,10 +274,14 @@ def test_an_expired_certificate_is_refused(hub, folder, tmp_path):
     key = serialization.load_pem_private_key((place / "ca-key.pem").read_bytes(), None)
     now = datetime.now(UTC)
     builder = (
-        x509.CertificateBuilder().subject_name(old.subject).issuer_name(old.issuer)
-        .public_key(old.public_key()).serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(days=9)).not_valid_after(now - timedelta(days=1))
-    )  # fmt: skip
+        x509.CertificateBuilder()
+        .subject_name(old.subject)
+        .issuer_name(old.issuer)
+        .public_key(old.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(days=9))
+        .not_valid_after(now - timedelta(days=1))
+    )
     for extension in old.extensions:
         builder = builder.add_extension(extension.value, extension.critical)
     late = builder.sign(key, hashes.SHA256())
@@ -288,14 +306,21 @@ def test_no_certificate_and_plaintext_are_refused(hub, folder):
 
 def test_a_run_through_a_router_that_is_there_already(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    config = {"mode": "router", "listen": {"endpoints": [endpoint]},
-              "scouting": {"multicast": {"enabled": False}}}  # fmt: skip
+    config = {
+        "mode": "router",
+        "listen": {"endpoints": [endpoint]},
+        "scouting": {"multicast": {"enabled": False}},
+    }
     router = subprocess.Popen(
-        [sys.executable, "-c",
-         "import sys, zenoh\nwith zenoh.open(zenoh.Config.from_json5(sys.argv[1])): sys.stdin.read()",
-         json.dumps(config)], stdin=subprocess.PIPE,
+        [
+            sys.executable,
+            "-c",
+            "import sys, zenoh\nwith zenoh.open(zenoh.Config.from_json5(sys.argv[1])): sys.stdin.read()",
+            json.dumps(config),
+        ],
+        stdin=subprocess.PIPE,
         env={name: value for name, value in os.environ.items() if name != "ZENOH_RUNTIME"},
-    )  # fmt: skip
+    )
     until(lambda: connects(int(endpoint.rpartition(":")[2])))
     scenario = CONFIGS / "paper" / "section5-delay.toml"
     common = (scenario, "--no-figures", "--set", "duration_s=0.5")
@@ -332,9 +357,23 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     formnet_ = [sys.executable, "-m", "formnet"]
     with (tmp_path / "plant.log").open("w") as log:
         plant = subprocess.Popen(
-            [*formnet_, "plant", scenario, "--listen", endpoint, "--record", str(out), "--run",
-             "run", "--keys", str(place), *common], stdout=log, stderr=log,
-        )  # fmt: skip
+            [
+                *formnet_,
+                "plant",
+                scenario,
+                "--listen",
+                endpoint,
+                "--record",
+                str(out),
+                "--run",
+                "run",
+                "--keys",
+                str(place),
+                *common,
+            ],
+            stdout=log,
+            stderr=log,
+        )
     port = int(endpoint.rpartition(":")[2])
     until(lambda: connects(port))
     with (
@@ -343,10 +382,22 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     ):
         pytest.fail("it was let in")
     agents = [
-        subprocess.Popen([*formnet_, "agent", "--robot", str(robot), "--connect", endpoint, "--run",
-                          "run", "--keys", str(place)])
+        subprocess.Popen(
+            [
+                *formnet_,
+                "agent",
+                "--robot",
+                str(robot),
+                "--connect",
+                endpoint,
+                "--run",
+                "run",
+                "--keys",
+                str(place),
+            ]
+        )
         for robot in range(1, 6)
-    ]  # fmt: skip
+    ]
     with bus.session(connect=endpoint, credentials=Credentials(place, "robot-3")) as liar:
         names = bus.Keys("run")
         while plant.poll() is None:

@@ -35,7 +35,10 @@ BAD = {
         ({"distribution": "lognormal", "mean_s": 0.1, "stddev_s": -1.0}, "stddev_s"),
         ({"distribution": "gamma", "mean_s": 0.1}, "stddev_s"),
         ({"distribution": "weibull", "scale_s": 0.1, "shape": 0.0}, "shape"),
-        ({"distribution": "pareto", "minimum_s": 0.1, "shape": 2.0, "correlation": 0.5}, "shape = 2"),
+        (
+            {"distribution": "pareto", "minimum_s": 0.1, "shape": 2.0, "correlation": 0.5},
+            "shape = 2",
+        ),
         ({"distribution": "exponential", "mean_s": 0.1, "correlation": 1.0}, "correlation"),
         ({"distribution": "exponential", "mean_s": 0.1, "offset_s": -0.1}, "offset_s"),
         ({"distribution": "empirical", "samples_s": []}, "samples_s"),
@@ -44,7 +47,15 @@ BAD = {
         ({"distribution": "trace", "times_s": [0.0, 0.0], "delays_s": [0.1, 0.1]}, "times_s"),
         ({"distribution": "trace", "times_s": [0.0], "delays_s": [0.1]}, "period_s"),
         ({"distribution": "trace", "times_s": [0.0, 1.0], "delays_s": [0.1]}, "delays_s"),
-        ({"distribution": "trace", "times_s": [0.0, 1.0], "delays_s": [0.1, 0.2], "period_s": 1.0}, "period_s"),
+        (
+            {
+                "distribution": "trace",
+                "times_s": [0.0, 1.0],
+                "delays_s": [0.1, 0.2],
+                "period_s": 1.0,
+            },
+            "period_s",
+        ),
         ({"distribution": "uniform", "low_s": 0.2, "high_s": 0.1}, "low_s = 0.2"),
     ],
     "loss": [
@@ -66,7 +77,7 @@ BAD = {
     "keep_order": [("yes", "keep_order")],
     "playout_s": [(-1.0, "playout_s")],
     "preset": [("wlan", "must be one of 'ideal', 'lan'")],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
@@ -104,10 +115,30 @@ COMPLETE = {
     "delay": [
         {"distribution": "constant", "mean_s": 0.1},
         {"distribution": "uniform", "low_s": 0.1, "high_s": 0.2, "correlation": 0.5},
-        *({"distribution": name, "mean_s": 0.1, "stddev_s": 0.1, "offset_s": 0.1, "correlation": 0.5}
-          for name in ("normal", "lognormal", "gamma")),
-        {"distribution": "weibull", "scale_s": 0.1, "shape": 2.0, "offset_s": 0.1, "correlation": 0.5},
-        {"distribution": "pareto", "minimum_s": 0.1, "shape": 3.0, "offset_s": 0.1, "correlation": 0.5},
+        *(
+            {
+                "distribution": name,
+                "mean_s": 0.1,
+                "stddev_s": 0.1,
+                "offset_s": 0.1,
+                "correlation": 0.5,
+            }
+            for name in ("normal", "lognormal", "gamma")
+        ),
+        {
+            "distribution": "weibull",
+            "scale_s": 0.1,
+            "shape": 2.0,
+            "offset_s": 0.1,
+            "correlation": 0.5,
+        },
+        {
+            "distribution": "pareto",
+            "minimum_s": 0.1,
+            "shape": 3.0,
+            "offset_s": 0.1,
+            "correlation": 0.5,
+        },
         {"distribution": "exponential", "mean_s": 0.1, "offset_s": 0.1, "correlation": 0.5},
         {"distribution": "empirical", "samples_s": [0.1, 0.2], "correlation": 0.5},
         {"distribution": "trace", "times_s": [0.0, 1.0], "delays_s": [0.1, 0.2], "period_s": 2.0},
@@ -125,7 +156,7 @@ COMPLETE = {
     "rate": [{"bits_per_s": 1000, "overhead_bytes": 8, "cell_bytes": 48, "cell_overhead_bytes": 5}],
     "queue": [{"messages": 10, "bytes": 1000}],
     "slots": [{"min_s": 0.1, "max_s": 0.2, "messages": 1, "bytes": 1500}],
-}  # fmt: skip
+}
 
 
 def test_the_table_of_every_parameter_is_complete():
@@ -196,11 +227,24 @@ VALUES = {
     "delays_s": st.lists(seconds, min_size=1, max_size=3),
     "losses": st.lists(mixed(0, 1), min_size=1, max_size=3),
     "correlation": correlations,
-    **dict.fromkeys(("bits_per_s", "overhead_bytes", "cell_bytes", "cell_overhead_bytes", "messages",
-                     "bytes", "gap", "n"), counts),
-    **dict.fromkeys(("probability", "p", "r", "loss_in_bad", "loss_in_good", "p13", "p31", "p32",
-                     "p23", "p14"), shares),
-}  # fmt: skip
+    **dict.fromkeys(
+        (
+            "bits_per_s",
+            "overhead_bytes",
+            "cell_bytes",
+            "cell_overhead_bytes",
+            "messages",
+            "bytes",
+            "gap",
+            "n",
+        ),
+        counts,
+    ),
+    **dict.fromkeys(
+        ("probability", "p", "r", "loss_in_bad", "loss_in_good", "p13", "p31", "p32", "p23", "p14"),
+        shares,
+    ),
+}
 
 
 def extreme(table):
@@ -220,10 +264,11 @@ def extreme(table):
             key: st.one_of([extreme(table) for table in tables])
             for key, tables in COMPLETE.items()
             if key != "delay"
-        } | {"keep_order": st.booleans(), "playout_s": seconds},
+        }
+        | {"keep_order": st.booleans(), "playout_s": seconds},
     ),
     st.lists(mixed(0, 1, 10**6, 10**13), min_size=20, max_size=20),
-)  # fmt: skip
+)
 def test_every_setting_that_is_accepted_can_be_used(table, pauses_ns):
     """However extreme: a link in use must never break, or hang, on what was validated."""
     try:

@@ -112,10 +112,21 @@ def test_compare_of_four_runs_writes_a_row_each(tmp_path):
     folders = []
     for k in range(4):
         folders.append(str(tmp_path / f"run-{k}"))
-        CliRunner().invoke(main, [
-            "run", str(CONFIGS / "paper" / "section5-delay.toml"), "--inline", "--no-figures",
-            "--out", folders[-1], "--set", "duration_s=0.1", "--set", f"law.beta={k + 5}",
-        ])  # fmt: skip
+        CliRunner().invoke(
+            main,
+            [
+                "run",
+                str(CONFIGS / "paper" / "section5-delay.toml"),
+                "--inline",
+                "--no-figures",
+                "--out",
+                folders[-1],
+                "--set",
+                "duration_s=0.1",
+                "--set",
+                f"law.beta={k + 5}",
+            ],
+        )
     result = CliRunner().invoke(main, ["compare", *folders, "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     text = (tmp_path / "out" / "comparison.md").read_text()

@@ -42,11 +42,16 @@ def sampled(root, family, factor):
     path = root / "configs" / file
     period_s = float(f"{factor * breaks_at_s:.3g}")
     broadcast_s = period_s * max(1, round(load(path).clock.broadcast_period_s / period_s))
-    return load(path, [
-        *overrides, f"clock.control_period_s={period_s!r}",
-        f"clock.broadcast_period_s={broadcast_s!r}",
-        f"duration_s={period_s * round(8.0 / period_s)!r}", "neighbours.silence_s=5.0",
-    ])  # fmt: skip
+    return load(
+        path,
+        [
+            *overrides,
+            f"clock.control_period_s={period_s!r}",
+            f"clock.broadcast_period_s={broadcast_s!r}",
+            f"duration_s={period_s * round(8.0 / period_s)!r}",
+            "neighbours.silence_s=5.0",
+        ],
+    )
 
 
 def breaks(scenario):

@@ -46,8 +46,10 @@ def test_scenario_of_the_paper_is_its_theorem_without_a_warning(paper, name, the
     assert f"Theorem {theorem}" in assessment.why
     assert scenario.expect.centroid is (theorem not in (1, 3))
     assert assessment.claims == {
-        "formation": True, "heading": True, "centroid": theorem not in (1, 3)
-    }  # fmt: skip
+        "formation": True,
+        "heading": True,
+        "centroid": theorem not in (1, 3),
+    }
 
 
 def test_every_scenario_of_the_paper_is_tested_here(root):
@@ -82,8 +84,12 @@ def test_level_damping_and_delay_decide_the_theorem(paper, level, damped, delaye
     elif delayed:
         assert assessment.theorem == (6 if dynamic else 5)
     else:
-        assert assessment.theorem == {(False, False): 1, (False, True): 2,
-                                      (True, False): 3, (True, True): 4}[dynamic, damped]  # fmt: skip
+        assert (
+            assessment.theorem
+            == {(False, False): 1, (False, True): 2, (True, False): 3, (True, True): 4}[
+                dynamic, damped
+            ]
+        )
     assert assessment.warnings == []
 
 

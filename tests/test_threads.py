@@ -11,8 +11,9 @@ MINE = "(app: (worker_threads: 3))"
 
 
 def chosen(program, **set_by_user):
-    return subprocess.run([sys.executable, "-c", program], env=set_by_user, text=True,
-                          capture_output=True, check=True).stdout.strip()  # fmt: skip
+    return subprocess.run(
+        [sys.executable, "-c", program], env=set_by_user, text=True, capture_output=True, check=True
+    ).stdout.strip()
 
 
 @pytest.mark.parametrize("program", [LOOK, MANY])

@@ -64,8 +64,13 @@ def test_a_change_replaces_exactly_what_it_names():
         return settings.changed(LinkOverrides.model_validate(named)).model_dump()
 
     before = settings.model_dump()
-    parts = [("delay", "mean_s", 0.2), ("loss", "r", 0.9), ("rate", "bits_per_s", 5),
-             ("queue", "bytes", 9), ("slots", "messages", 3)]  # fmt: skip
+    parts = [
+        ("delay", "mean_s", 0.2),
+        ("loss", "r", 0.9),
+        ("rate", "bits_per_s", 5),
+        ("queue", "bytes", 9),
+        ("slots", "messages", 3),
+    ]
     for table, key, value in parts:
         after = changed(**{table: {key: value}})
         assert after == before | {table: before[table] | {key: value}}
@@ -252,10 +257,14 @@ EXPECTED = [
     (between([1, 2], [3, 4, 5]), 7000, 7500, "lost: cut"),
     (between([5], [1, 2, 3, 4]), 8000, 8500, "lost: cut"),
     (between([1, 2], [4, 5]), 9000, 9500, "lost: cut"),
-    (ALL - {p for a in range(5) for p in [(a + 1, (a + 1) % 5 + 1), ((a + 1) % 5 + 1, a + 1)]},
-     10000, 10500, "lost: cut"),
+    (
+        ALL - {p for a in range(5) for p in [(a + 1, (a + 1) % 5 + 1), ((a + 1) % 5 + 1, a + 1)]},
+        10000,
+        10500,
+        "lost: cut",
+    ),
     ({(5, b) for b in (1, 2, 3, 4)}, 11000, 12001, "lost: cut"),
-]  # fmt: skip
+]
 LOST_WITH = [({(1, 2)}, 4500), (between([1, 2], [3, 4, 5]), 6000)]
 
 
@@ -311,7 +320,10 @@ def test_a_timeline_survives_being_written_and_read(root):
 
 
 BAD = [
-    ('action = "explode"', r"timeline\[0\]\.action = 'explode': must be one of 'network', 'ramp', 'cut', 'heal', 'partition'"),
+    (
+        'action = "explode"',
+        r"timeline\[0\]\.action = 'explode': must be one of 'network', 'ramp', 'cut', 'heal', 'partition'",
+    ),
     ('action = "cut"\nlinks = [[1, 9]]', r"timeline\[0\]: robot 9 does not exist"),
     ('action = "cut"\nlinks = [[1, 1]]', r"timeline\[0\]: concerns no link of formation.edges"),
     ('action = "cut"\nlinks = [[1]]', r"timeline\[0\].links\[0\]\[1\]: is required"),
@@ -319,23 +331,56 @@ BAD = [
     ('action = "cut"\nheal_after_s = 0.0', r"heal_after_s = 0.0: must be at least 1e-09"),
     ('action = "heal"\nin_flight = "lost"', r"timeline\[0\].in_flight = 'lost': unknown key"),
     ('action = "partition"', r"timeline\[0\] = .*: needs either groups or shape"),
-    ('action = "partition"\nshape = "thirds"', r"shape = 'thirds': must be 'halves', 'isolate', 'bridge' or 'ring'"),
+    (
+        'action = "partition"\nshape = "thirds"',
+        r"shape = 'thirds': must be 'halves', 'isolate', 'bridge' or 'ring'",
+    ),
     ('action = "partition"\nshape = "isolate"', r"shape = 'isolate' needs robot"),
-    ('action = "partition"\nshape = "halves"\nrobot = 1', r"robot belongs to the shapes 'isolate' and 'bridge'"),
+    (
+        'action = "partition"\nshape = "halves"\nrobot = 1',
+        r"robot belongs to the shapes 'isolate' and 'bridge'",
+    ),
     ('action = "partition"\ngroups = [[1, 2], [2]]', r"robot 2 is in two groups"),
     ('action = "partition"\ngroups = [[1, 9], [2]]', r"timeline\[0\]: robot 9 does not exist"),
-    ('action = "network"\ndelay.low_s = 0.1', r"timeline\[0\].delay.low_s = 0.1: unknown key.*\(on the link from 1 to 2\)"),
-    ('action = "network"\ndelay.mean_s = -0.1', r"timeline\[0\].delay.mean_s = -0.1: must be at least 0"),
-    ('action = "network"\nloss.model = "random"\nloss.probability = 1.5', r"timeline\[0\].loss.probability = 1.5: must be at most 1"),
+    (
+        'action = "network"\ndelay.low_s = 0.1',
+        r"timeline\[0\].delay.low_s = 0.1: unknown key.*\(on the link from 1 to 2\)",
+    ),
+    (
+        'action = "network"\ndelay.mean_s = -0.1',
+        r"timeline\[0\].delay.mean_s = -0.1: must be at least 0",
+    ),
+    (
+        'action = "network"\nloss.model = "random"\nloss.probability = 1.5',
+        r"timeline\[0\].loss.probability = 1.5: must be at most 1",
+    ),
     ('action = "network"\npreset = "wlan"', r"preset = 'wlan': must be one of 'ideal'"),
     ('action = "network"\ndeley.mean_s = 1.0', r"timeline\[0\].deley = .*did you mean 'delay'"),
-    ('action = "cut"\nfrom = 1', r"timeline\[0\].from = 1: unknown key; here it is links = \[\[from, to\]"),
-    ('action = "ramp"\nparameter = "loss.rate"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is no number"),
-    ('action = "ramp"\nparameter = "delay.low_s"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0', r"timeline\[0\].delay.low_s = 1.0: unknown key"),
-    ('action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 1.5\nduration_s = 1.0', r"timeline\[0\].loss.probability = 1.5: must be at most 1"),
-    ('action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 0.5\nduration_s = 0.0', r"timeline\[0\].duration_s = 0.0: must be at least 1e-09"),
-    ('action = "ramp"\nparameter = "loss.probability"\nto_value = 0.5\nduration_s = 1.0', r"timeline\[0\].from_value: is required"),
-]  # fmt: skip
+    (
+        'action = "cut"\nfrom = 1',
+        r"timeline\[0\].from = 1: unknown key; here it is links = \[\[from, to\]",
+    ),
+    (
+        'action = "ramp"\nparameter = "loss.rate"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0',
+        r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is no number",
+    ),
+    (
+        'action = "ramp"\nparameter = "delay.low_s"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0',
+        r"timeline\[0\].delay.low_s = 1.0: unknown key",
+    ),
+    (
+        'action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 1.5\nduration_s = 1.0',
+        r"timeline\[0\].loss.probability = 1.5: must be at most 1",
+    ),
+    (
+        'action = "ramp"\nparameter = "loss.probability"\nfrom_value = 0.0\nto_value = 0.5\nduration_s = 0.0',
+        r"timeline\[0\].duration_s = 0.0: must be at least 1e-09",
+    ),
+    (
+        'action = "ramp"\nparameter = "loss.probability"\nto_value = 0.5\nduration_s = 1.0',
+        r"timeline\[0\].from_value: is required",
+    ),
+]
 
 
 @pytest.mark.parametrize(("action", "words"), BAD)

@@ -74,11 +74,13 @@ TURNED_ON = {
     "keep_order": (change(delay=constant(0.0), keep_order=True), 1200),
     "rate": (change(delay=constant(0.0), rate={"bits_per_s": 8000}), 1200 + SIZE),
     "slots": (change(delay=constant(0.0), slots={"min_s": 0.007, "max_s": 0.007}), 1204),
-    "preset": (change(preset="robot-link", loss={"model": "random", "probability": 0.0}),
-               1200 + 8 * SIZE / 60_000),
+    "preset": (
+        change(preset="robot-link", loss={"model": "random", "probability": 0.0}),
+        1200 + 8 * SIZE / 60_000,
+    ),
     "ramped rate": (Ramp("rate.bits_per_s", 0, 8000, MS), 1200 + SIZE),
     "ramped slots": (Ramp("slots.max_s", 0.0, 0.007, MS), 1204),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", TURNED_ON)
@@ -168,9 +170,13 @@ def test_the_duplicates_of_what_comes_after_share_room_and_order():
     """Duplication turned on together with the rest: the second copy comes after the first."""
     run = Run(
         {"delay": constant(0.1)},
-        (50, change(duplicate={"probability": 1.0}, rate={"bits_per_s": 8000},
-                    queue={"messages": 3})),
-    )  # fmt: skip
+        (
+            50,
+            change(
+                duplicate={"probability": 1.0}, rate={"bits_per_s": 8000}, queue={"messages": 3}
+            ),
+        ),
+    )
     assert [run.ms(0), run.ms(10)] == [100, 110]
     first, second = run.send(60)
     assert (first.fate, first.due_ns) == (DELIVERED, (160 + SIZE) * MS)
@@ -268,8 +274,13 @@ def test_after_a_cut_slots_open_that_were_passed_over_undrawn():
     )
     assert run.ms(0.5) == 10001
     assert [run.ms(t) for t in (20.5, 20.6, 8000.5, 9999.5, 9999.6, 9999.7)] == [
-        21, 22, 8001, 10000, 10001, 10002,
-    ]  # fmt: skip
+        21,
+        22,
+        8001,
+        10000,
+        10001,
+        10002,
+    ]
 
 
 @pytest.mark.parametrize("name", LINES)
@@ -285,8 +296,12 @@ def test_what_is_sent_during_a_cut_takes_no_room_and_no_time(name, lose):
 def test_a_cut_that_keeps_what_is_in_flight_keeps_its_room():
     run = Run({"delay": constant(0.1), "queue": {"messages": 2}}, (5, Cut()), (10, Heal()))
     assert [run.ms(0), run.ms(1), run.ms(6), run.ms(20), run.ms(100)] == [
-        100, 101, LOST_CUT, LOST_QUEUE, 200,
-    ]  # fmt: skip
+        100,
+        101,
+        LOST_CUT,
+        LOST_QUEUE,
+        200,
+    ]
 
 
 def test_what_the_receiver_would_have_refused_is_gone_with_a_cut_too():
@@ -330,27 +345,38 @@ def test_a_cut_changes_no_draw_after_it(line, lose):
                 assert copy.fate == (other.fate if kept else LOST_CUT)
             elif not 3000 <= at_ms < 3700:  # 14 mean delays: e^-14 is one in a million
                 assert (copy.fate, copy.payload, copy.due_ns) == (
-                    other.fate, other.payload, other.due_ns,
-                )  # fmt: skip
+                    other.fate,
+                    other.payload,
+                    other.due_ns,
+                )
 
 
 # --- against a list of all messages -----------------------------------------------------------
 
-tables = st.fixed_dictionaries({}, optional={
-    "delay": st.sampled_from([
-        {"distribution": "uniform", "low_s": 0.0, "high_s": 0.1},
-        {"distribution": "uniform", "low_s": 0.0, "high_s": 0.005},
-        {"distribution": "exponential", "mean_s": 0.03},
-    ]),
-    "duplicate": st.sampled_from([{"probability": 0.0}, {"probability": 0.3}]),
-    "corrupt": st.sampled_from([{"probability": 0.0}, {"probability": 0.3}]),
-    "rate": st.sampled_from([{"bits_per_s": n} for n in (0, 30_000, 1_000_000)]),
-    "queue": st.sampled_from([{"messages": m, "bytes": b} for m in (0, 2, 5) for b in (0, 60)]),
-    "slots": st.sampled_from([{"min_s": 0.001, "max_s": 0.0, "messages": 0},
-                              {"min_s": 0.001, "max_s": 0.009, "messages": 2}]),
-    "keep_order": st.booleans(),
-    "playout_s": st.sampled_from([0.0, 0.05]),
-})  # fmt: skip
+tables = st.fixed_dictionaries(
+    {},
+    optional={
+        "delay": st.sampled_from(
+            [
+                {"distribution": "uniform", "low_s": 0.0, "high_s": 0.1},
+                {"distribution": "uniform", "low_s": 0.0, "high_s": 0.005},
+                {"distribution": "exponential", "mean_s": 0.03},
+            ]
+        ),
+        "duplicate": st.sampled_from([{"probability": 0.0}, {"probability": 0.3}]),
+        "corrupt": st.sampled_from([{"probability": 0.0}, {"probability": 0.3}]),
+        "rate": st.sampled_from([{"bits_per_s": n} for n in (0, 30_000, 1_000_000)]),
+        "queue": st.sampled_from([{"messages": m, "bytes": b} for m in (0, 2, 5) for b in (0, 60)]),
+        "slots": st.sampled_from(
+            [
+                {"min_s": 0.001, "max_s": 0.0, "messages": 0},
+                {"min_s": 0.001, "max_s": 0.009, "messages": 2},
+            ]
+        ),
+        "keep_order": st.booleans(),
+        "playout_s": st.sampled_from([0.0, 0.05]),
+    },
+)
 actions = st.one_of(
     tables.map(lambda table: change(**table)),
     st.builds(Cut, st.booleans()),
@@ -406,9 +432,17 @@ def test_links_agree_with_a_list_of_all_messages(table, plan, script, seed):
 
 
 def test_which_stages_messages_share():
-    on = {"loss": {"probability": 0.1}, "corrupt": {"probability": 0.1}, "queue": {"messages": 1},
-          "reorder": {"probability": 0.1}, "delay": constant(1.0), "rate": {"bits_per_s": 1},
-          "slots": {"min_s": 1.0, "max_s": 1.0}, "keep_order": True, "playout_s": 1.0}  # fmt: skip
+    on = {
+        "loss": {"probability": 0.1},
+        "corrupt": {"probability": 0.1},
+        "queue": {"messages": 1},
+        "reorder": {"probability": 0.1},
+        "delay": constant(1.0),
+        "rate": {"bits_per_s": 1},
+        "slots": {"min_s": 1.0, "max_s": 1.0},
+        "keep_order": True,
+        "playout_s": 1.0,
+    }
     stages = LinkSettings.model_validate(on).impairments()
     shared = [stage.name for stage in stages if isinstance(stage, Shared)]
     assert shared == ["queue", "rate", "slots", "order"]

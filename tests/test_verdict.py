@@ -213,8 +213,10 @@ def test_each_claim_has_its_own_tolerance(tmp_path, paper):
     )
     judged = trial(tmp_path / "run", scenario, [(40 * S, {"heading": 0.3, "shift": 0.2})])
     assert {claim: judged["claims"][claim]["tolerance"] for claim in CLAIMS} == {
-        "formation": 0.05, "heading": 0.4, "centroid": 0.9
-    }  # fmt: skip
+        "formation": 0.05,
+        "heading": 0.4,
+        "centroid": 0.9,
+    }
     assert judged["claims"]["heading"]["observed"] is True
     assert judged["claims"]["centroid"]["observed"] is False  # 5 × 0.2 m
 
@@ -224,8 +226,11 @@ def test_without_expect_everything_is_observed_and_nothing_judged(tmp_path, pape
     scenario = paper("theorem4").model_copy(update={"expect": None})
     judged = trial(tmp_path / "run", scenario, [(0, {}), (40 * S, {"shift": shift})])
     assert {claim: entry["observed"] for claim, entry in judged["claims"].items()} == {
-        "formation": True, "heading": True, "centroid": shift == 0.0, "lyapunov": True
-    }  # fmt: skip
+        "formation": True,
+        "heading": True,
+        "centroid": shift == 0.0,
+        "lyapunov": True,
+    }
     assert all(entry["expected"] is None for entry in judged["claims"].values())
     assert all(entry["holds"] is None for entry in judged["claims"].values())
     assert verdict.passed(judged)
@@ -256,9 +261,10 @@ def test_nobody_up_at_the_end_means_nothing_judged(tmp_path, paper):
 )
 def test_without_claims_a_run_passes_that_completes_with_everybody(kind, lost, passes):
     judged = {
-        "outcome": {"kind": kind}, "robots": {"lost": lost},
+        "outcome": {"kind": kind},
+        "robots": {"lost": lost},
         "claims": {"x": {"expected": None, "holds": None}},
-    }  # fmt: skip
+    }
     assert verdict.passed(judged) is passes
 
 
@@ -282,8 +288,11 @@ def test_diverged_run_fails_every_claim_and_its_verdict_is_json(tmp_path, paper,
             )
         )
     assert judged["outcome"] == {
-        "kind": "diverged", "t_s": 1.0, "robot": 3, "reason": "state is not finite"
-    }  # fmt: skip
+        "kind": "diverged",
+        "t_s": 1.0,
+        "robot": 3,
+        "reason": "state is not finite",
+    }
     for entry in judged["claims"].values():
         assert entry["observed"] is False
         assert entry["holds"] is (None if entry["expected"] is None else False)
@@ -451,14 +460,24 @@ def test_events_are_on_disk_at_once(tmp_path, paper):
 
 
 STATES = {
-    "t_ns": pa.int64(), "robot": pa.int32(), "x_m": pa.float64(), "y_m": pa.float64(),
-    "heading_rad": pa.float64(), "speed_mps": pa.float64(), "turn_rate_radps": pa.float64(),
-    "torque_right_nm": pa.float64(), "torque_left_nm": pa.float64(),
-}  # fmt: skip
+    "t_ns": pa.int64(),
+    "robot": pa.int32(),
+    "x_m": pa.float64(),
+    "y_m": pa.float64(),
+    "heading_rad": pa.float64(),
+    "speed_mps": pa.float64(),
+    "turn_rate_radps": pa.float64(),
+    "torque_right_nm": pa.float64(),
+    "torque_left_nm": pa.float64(),
+}
 LINKS = {
-    "t_sent_ns": pa.int64(), "t_usable_ns": pa.int64(), "source": pa.int32(),
-    "destination": pa.int32(), "sequence": pa.int64(), "fate": pa.string(),
-}  # fmt: skip
+    "t_sent_ns": pa.int64(),
+    "t_usable_ns": pa.int64(),
+    "source": pa.int32(),
+    "destination": pa.int32(),
+    "sequence": pa.int64(),
+    "fate": pa.string(),
+}
 
 
 def columns_of(table):

@@ -185,8 +185,10 @@ def test_first_difference():
     for place in range(len(rows)):
         found = first_difference(rows, rows[:place] + rows[place + 1 :], 10)
         assert (found.t_ns, found.tick, found.whose) == (
-            rows[place].t_ns, rows[place].t_ns // 10, f"robot {rows[place].robot}",
-        )  # fmt: skip
+            rows[place].t_ns,
+            rows[place].t_ns // 10,
+            f"robot {rows[place].robot}",
+        )
         assert str(found).endswith("the whole row: something and nothing")
         changed = [*rows[:place], rows[place]._replace(x_m=1.0), *rows[place + 1 :]]
         found = first_difference(rows, changed, 10)

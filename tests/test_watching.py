@@ -74,9 +74,9 @@ def check_scene(file, folder, robots):
     shown = columns(file, "/field/robots", "Points2D:positions")
     assert len(shown) > 50
     for t_s, positions in shown:
-        assert np.array_equal(
-            np.float32(positions), np.float32(states[round(t_s, 6)])
-        ), f"at {t_s} s"  # fmt: skip
+        assert np.array_equal(np.float32(positions), np.float32(states[round(t_s, 6)])), (
+            f"at {t_s} s"
+        )
         assert len(positions) == robots
     assert round(shown[-1][0], 6) == max(states)
     lines = (folder / "events.jsonl").read_text().splitlines()
@@ -90,9 +90,17 @@ def check_scene(file, folder, robots):
 def recorded(tmp_path_factory):
     out = tmp_path_factory.mktemp("watching") / "run"
     code, said = formnet(
-        "run", SECTION5, "--inline", "--no-figures", "--set", "duration_s=3", "--set", HAPPENINGS,
-        "--out", out,
-    )  # fmt: skip
+        "run",
+        SECTION5,
+        "--inline",
+        "--no-figures",
+        "--set",
+        "duration_s=3",
+        "--set",
+        HAPPENINGS,
+        "--out",
+        out,
+    )
     assert code in (0, 1), said
     return out
 
@@ -201,14 +209,24 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
     scene = RunFile(tmp_path, scenario)
     for start in range(0, 20001, 1000):
         ticks = range(start, min(start + 1000, 20001))
-        scene.take(Samples([
-            Sample(tick * 10**7, robot, *random.normal(size=5), None, None)
-            for tick in ticks for robot in scenario.ids
-        ]))  # fmt: skip
-        scene.take(LinkRows([
-            LinkRow(tick * 10**7, tick * 10**7 + 10**6, *link, tick, "delivered")
-            for tick in ticks[::10] for link in scenario.directed_links
-        ]))  # fmt: skip
+        scene.take(
+            Samples(
+                [
+                    Sample(tick * 10**7, robot, *random.normal(size=5), None, None)
+                    for tick in ticks
+                    for robot in scenario.ids
+                ]
+            )
+        )
+        scene.take(
+            LinkRows(
+                [
+                    LinkRow(tick * 10**7, tick * 10**7 + 10**6, *link, tick, "delivered")
+                    for tick in ticks[::10]
+                    for link in scenario.directed_links
+                ]
+            )
+        )
         scene.refresh()
     scene.take(Outcome("completed", 200 * 10**9, None, ""))
     scene.close(None)
@@ -222,8 +240,9 @@ def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
     out = tmp_path / "run"
     run = subprocess.Popen(
         [sys.executable, "-m", "formnet", "run", "--no-figures", str(SECTION5), "--out", str(out)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     file = out / "run.rrd"
 
     def frames():
@@ -262,10 +281,23 @@ def watched_run(folder, monitor_options, *sets, meanwhile=lambda monitor: None, 
     def begun(endpoint, run):
         secured = [] if secure is None else ["--keys", str(secure)]
         monitor = LocalChild(
-            [sys.executable, "-m", "formnet", "monitor", "--connect", endpoint, "--run", run,
-             "--leash", *monitor_options, *secured],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "formnet",
+                "monitor",
+                "--connect",
+                endpoint,
+                "--run",
+                run,
+                "--leash",
+                *monitor_options,
+                *secured,
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
         monitors.append(monitor)
         line = monitor.stdout.readline().decode()
         assert line.startswith(f"watching {run}"), line + monitor.stdout.read().decode()
@@ -284,24 +316,27 @@ def test_what_is_seen_live_is_what_is_recorded(tmp_path, recorded, secured):
     if secured:
         keys.make(tmp_path / "keys", range(1, 6), [], 30)
     recording, monitor = watched_run(
-        tmp_path, ["--save", str(tmp_path / "seen.rrd")],
+        tmp_path,
+        ["--save", str(tmp_path / "seen.rrd")],
         secure=tmp_path / "keys" if secured else None,
-    )  # fmt: skip
+    )
     assert monitor.wait(PATIENCE_S) == 0, monitor.stdout.read().decode()
     check_scene(tmp_path / "seen.rrd", tmp_path / "run", 5)
     judged = json.loads((recorded / "verdict.json").read_text())
     assert trajectory_sha256(recording.samples) == judged["trajectory_sha256"]
-    assert columns(tmp_path / "seen.rrd", "/lyapunov/v", "Scalars:scalars")[-1] == columns(
-        recorded / "run.rrd", "/lyapunov/v", "Scalars:scalars"
-    )[-1]  # fmt: skip
+    assert (
+        columns(tmp_path / "seen.rrd", "/lyapunov/v", "Scalars:scalars")[-1]
+        == columns(recorded / "run.rrd", "/lyapunov/v", "Scalars:scalars")[-1]
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number):
     recording, monitor = watched_run(
-        tmp_path, ["--save", str(tmp_path / "seen.rrd")],
+        tmp_path,
+        ["--save", str(tmp_path / "seen.rrd")],
         meanwhile=lambda monitor: monitor.send_signal(number),
-    )  # fmt: skip
+    )
     monitor.kill()
     monitor.wait()
     judged = json.loads((recorded / "verdict.json").read_text())
@@ -312,16 +347,31 @@ def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number)
 def test_who_comes_late_gets_the_events_before_and_sees_the_rest(tmp_path):
     out, seen = tmp_path / "run", tmp_path / "seen.rrd"
     run = subprocess.Popen(
-        [sys.executable, "-m", "formnet", "run", str(SECTION5), "--no-figures", "--out", str(out), "--set",
-         HAPPENINGS, "--set", "duration_s=12"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "run",
+            str(SECTION5),
+            "--no-figures",
+            "--out",
+            str(out),
+            "--set",
+            HAPPENINGS,
+            "--set",
+            "duration_s=12",
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     events = out / "events.jsonl"
     until(lambda: events.exists() and "restart" in events.read_text())
     monitor = subprocess.run(
         [sys.executable, "-m", "formnet", "monitor", str(out), "--save", str(seen)],
-        capture_output=True, text=True, timeout=PATIENCE_S,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
     assert run.wait(PATIENCE_S) in (0, 1)
     assert monitor.returncode == 0, monitor.stdout + monitor.stderr
     told = [text[0].partition(":")[0] for _, text in columns(seen, "/events", "TextLog:text")]
@@ -339,10 +389,22 @@ def test_in_a_browser_the_scene_moves(tmp_path):
     if browser is None:
         missing("chromium")
     run = subprocess.Popen(
-        [sys.executable, "-m", "formnet", "run", str(CONFIGS / "yard.toml"), "--web", "--out",
-         str(tmp_path / "run"), "--set", "duration_s=60"],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "formnet",
+            "run",
+            str(CONFIGS / "yard.toml"),
+            "--web",
+            "--out",
+            str(tmp_path / "run"),
+            "--set",
+            "duration_s=60",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
     said = []
     reader = threading.Thread(target=lambda: said.extend(run.stdout), daemon=True)
     reader.start()
@@ -350,11 +412,20 @@ def test_in_a_browser_the_scene_moves(tmp_path):
         until(lambda: re.search(r"http://127.0.0.1:\S+", " ".join(said)))
         page_url = re.search(r"http://127.0.0.1:\S+", " ".join(said))[0]
         with sync_playwright() as tool:
-            chromium = tool.chromium.launch(executable_path=browser, args=[
-                "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
-                "--ignore-gpu-blocklist", "--disable-background-networking", "--disable-quic",
-                "--disable-component-update", "--disable-sync", "--no-first-run",
-            ])  # fmt: skip
+            chromium = tool.chromium.launch(
+                executable_path=browser,
+                args=[
+                    "--no-sandbox",
+                    "--enable-unsafe-swiftshader",
+                    "--use-angle=swiftshader",
+                    "--ignore-gpu-blocklist",
+                    "--disable-background-networking",
+                    "--disable-quic",
+                    "--disable-component-update",
+                    "--disable-sync",
+                    "--no-first-run",
+                ],
+            )
             page = chromium.new_page(viewport={"width": 1000, "height": 640})
             page.goto(page_url + "&renderer=webgl")
             field = {"x": 5, "y": 60, "width": 560, "height": 380}
@@ -377,8 +448,9 @@ def test_in_a_browser_the_scene_moves(tmp_path):
 def test_a_replay_that_is_ended_takes_its_viewer_along(recorded):
     replay = subprocess.Popen(
         [sys.executable, "-m", "formnet", "replay", str(recorded), "--web"],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert "until Ctrl-C" in replay.stdout.readline()
     (viewer,) = psutil.Process(replay.pid).children()
     replay.terminate()

@@ -49,6 +49,9 @@ def test_a_rate_adds_the_same_time_to_every_message(paper):
     arrived = [row for row in run.link_rows if row.t_usable_ns is not None]
     assert len(arrived) > 1000
     assert {row.t_usable_ns - row.t_sent_ns for row in arrived} == {107_200_000}
-    fates = [Fate(row.sequence, row.t_sent_ns, row.t_usable_ns, row.fate)
-             for row in arrived if (row.source, row.destination) == (1, 2)]  # fmt: skip
+    fates = [
+        Fate(row.sequence, row.t_sent_ns, row.t_usable_ns, row.fate)
+        for row in arrived
+        if (row.source, row.destination) == (1, 2)
+    ]
     assert summarise(fates, 2 * 10**9).jitter_s == 0.0

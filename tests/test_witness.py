@@ -26,9 +26,10 @@ def test_what_was_not_told_is_lost_with_the_receiver_once():
         witness.sent(4, sequence, 10 * sequence)  # no neighbour of anybody who is watched
     witness.told([row(0), row(1, fate="lost: random"), row(0, source=3), row(2, source=4)])
     assert witness.lost_with(2) == [
-        LinkRow(20, None, 1, 2, 2, LOST_DOWN), LinkRow(30, None, 1, 2, 3, LOST_DOWN),
+        LinkRow(20, None, 1, 2, 2, LOST_DOWN),
+        LinkRow(30, None, 1, 2, 3, LOST_DOWN),
         *(LinkRow(10 * k, None, 3, 2, k, LOST_DOWN) for k in (1, 2, 3)),
-    ]  # fmt: skip
+    ]
     assert witness.lost_with(2) == []
     assert witness.lost_with(1) == []
 

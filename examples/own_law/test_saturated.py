@@ -42,8 +42,13 @@ def test_w_never_rises_without_delays():
         for j, (speed, turn_rate) in commands.items():
             x, y, heading, _, _ = states[j]
             middle = heading + 0.5 * step_s * turn_rate
-            states[j] = State(x + step_s * speed * cos(middle), y + step_s * speed * sin(middle),
-                              heading + step_s * turn_rate, speed, turn_rate)  # fmt: skip
+            states[j] = State(
+                x + step_s * speed * cos(middle),
+                y + step_s * speed * sin(middle),
+                heading + step_s * turn_rate,
+                speed,
+                turn_rate,
+            )
     assert w < 1e-2
 
 

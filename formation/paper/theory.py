@@ -147,9 +147,10 @@ def _planned(scenario: Scenario) -> list[str]:
     """What happens to robots and to the network that no theorem allows."""
     found = []
     falls = [
-        some for some in scenario.roster().happenings()
+        some
+        for some in scenario.roster().happenings()
         if some.verb in ("kill", "pause") and some.tick <= scenario.ticks
-    ]  # fmt: skip
+    ]
     if falls:
         who = sorted({robot for fall in falls for robot in fall.robots})
         several, first = len(who) > 1, ", the first " if len(falls) > 1 else " "
@@ -158,9 +159,8 @@ def _planned(scenario: Scenario) -> list[str]:
             f"{first}at {falls[0].tick * scenario.clock.control_period_s:g} s"
         )
     changes = [
-        entry for entry in scenario.plan
-        if not entry.robots and entry.at_s <= scenario.duration_s
-    ]  # fmt: skip
+        entry for entry in scenario.plan if not entry.robots and entry.at_s <= scenario.duration_s
+    ]
     if changes:
         more = f", the first of {len(changes)} changes" if len(changes) > 1 else ""
         found.append(f"the network changes at {changes[0].at_s:g} s ({changes[0].what}{more})")
@@ -191,10 +191,14 @@ def _split(scenario: Scenario) -> list[str]:
             done += 1
         up = [robot for robot in scenario.ids if roster.up(robot, now_ns // period_ns)]
         before = len(groups)
-        groups = components(up, [
-            (a, b) for a, b in scenario.formation.edges
-            if a in up and b in up and cut.isdisjoint(((a, b), (b, a)))
-        ])  # fmt: skip
+        groups = components(
+            up,
+            [
+                (a, b)
+                for a, b in scenario.formation.edges
+                if a in up and b in up and cut.isdisjoint(((a, b), (b, a)))
+            ],
+        )
         if len(groups) > 1 and before < 2:
             since_ns = now_ns
     if len(groups) < 2:
@@ -222,13 +226,17 @@ def _imperfect_link(scenario: Scenario) -> list[str]:
 
 def outside_model(scenario: Scenario) -> list[str]:
     fields = (
-        "wheel_torque_limit_nm", "linear_friction_nspm", "angular_friction_nmsprad",
-        "disturbance_force_n", "disturbance_torque_nm",
-    )  # fmt: skip
+        "wheel_torque_limit_nm",
+        "linear_friction_nspm",
+        "angular_friction_nmsprad",
+        "disturbance_force_n",
+        "disturbance_torque_nm",
+    )
     names = [
-        field for field in fields
+        field
+        for field in fields
         if any(getattr(vehicle, field) for vehicle in scenario.vehicles.values())
-    ]  # fmt: skip
+    ]
     gaps = [f"{name} is not part of Eq. 7's model" for name in names]
     inexact = [
         r for r in scenario.ids if scenario.vehicles[r].estimate() != scenario.vehicles[r].truth()
@@ -255,9 +263,14 @@ def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
 
 
 def _expectation_warnings(
-    scenario: Scenario, theorem: int | None, claims: dict[str, bool], gaps: list[str],
-    apart: list[str], *, beyond: bool,
-) -> list[str]:  # fmt: skip
+    scenario: Scenario,
+    theorem: int | None,
+    claims: dict[str, bool],
+    gaps: list[str],
+    apart: list[str],
+    *,
+    beyond: bool,
+) -> list[str]:
     expect = scenario.expect
     if expect is None:
         return []

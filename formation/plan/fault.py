@@ -105,12 +105,18 @@ class _Impossible(Exception):
 
 
 _NEEDS: dict[Verb, tuple[str, ...]] = {
-    "kill": ("up", "paused"), "pause": ("up",), "restart": ("killed",), "resume": ("paused",),
-}  # fmt: skip
+    "kill": ("up", "paused"),
+    "pause": ("up",),
+    "restart": ("killed",),
+    "resume": ("paused",),
+}
 _WORDS = {"up": "is up", "paused": "is paused", "killed": "is dead"}
 _DONE: dict[Verb, str] = {
-    "kill": "killed", "pause": "paused", "restart": "restarted", "resume": "resumed",
-}  # fmt: skip
+    "kill": "killed",
+    "pause": "paused",
+    "restart": "restarted",
+    "resume": "resumed",
+}
 _FOR_A_TICK: dict[Verb, str] = {"kill": "down", "pause": "stopped", "restart": "up"}
 """What a robot must be for one tick at least after a verb; what is resumed may fail at once."""
 

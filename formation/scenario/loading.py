@@ -170,9 +170,15 @@ def _with_id(data: dict[str, Any], problem: Problem) -> Problem:
 
 
 _STAND_INS: dict[str, Any] = {
-    "name": "unnamed", "duration_s": 1.0, "formation": {"edges": []}, "edges": [],
-    "offset_m": [0.0, 0.0], "start": {"x_m": 0.0, "y_m": 0.0}, "x_m": 0.0, "y_m": 0.0,
-}  # fmt: skip
+    "name": "unnamed",
+    "duration_s": 1.0,
+    "formation": {"edges": []},
+    "edges": [],
+    "offset_m": [0.0, 0.0],
+    "start": {"x_m": 0.0, "y_m": 0.0},
+    "x_m": 0.0,
+    "y_m": 0.0,
+}
 """Valid values for required keys; a robot's id has none, and without it nothing refers well."""
 
 

@@ -35,9 +35,10 @@ def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
         for robot in host.robots:
             if robot not in scenario.ids:
                 yield Problem(
-                    f"hosts.{host.name}.robots", str(robot),
+                    f"hosts.{host.name}.robots",
+                    str(robot),
                     f"robot {robot} does not exist (robots: {', '.join(map(str, scenario.ids))})",
-                )  # fmt: skip
+                )
 
 
 def _check_clock(scenario: Scenario) -> Iterator[Problem]:
@@ -60,11 +61,12 @@ def _check_multiple(place: str, value_s: float, name: str, clock: Clock) -> Iter
         if count and nanoseconds(near_s := count * period_ns / 1e9) == count * period_ns
     ]
     yield Problem(
-        place, str(value_s),
+        place,
+        str(value_s),
         f"must be a multiple of {name} = {clock.control_period_s}: times are whole nanoseconds, "
         f"and {value_ns} ns is no multiple of {period_ns} ns"
         + (f" (nearest: {' or '.join(near)})" if near else ""),
-    )  # fmt: skip
+    )
 
 
 def _check_silence(scenario: Scenario) -> Iterator[Problem]:
@@ -149,9 +151,10 @@ def _check_links(scenario: Scenario) -> Iterator[Problem]:
 def _check_faults(scenario: Scenario) -> Iterator[Problem]:
     period_ns = max(1, scenario.clock.control_period_ns)
     known = [
-        (k, action) for k, action in enumerate(scenario.timeline)
+        (k, action)
+        for k, action in enumerate(scenario.timeline)
         if isinstance(action, FaultAction) and set(scenario.ids).issuperset(action.named_robots())
-    ]  # fmt: skip
+    ]
     try:
         spans_of(known, scenario.ids, scenario.seed, period_ns)
     except FaultError as error:

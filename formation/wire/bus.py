@@ -107,19 +107,22 @@ def session(
             "retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 1.5},
         },
         "scouting": {
-            "delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False},
+            "delay": 0,
+            "multicast": {"enabled": False},
+            "gossip": {"enabled": False},
         },
         # One class of traffic and no batching layer: halves the cost of a lockstep tick. But
         # without that layer, whoever sends to a machine that is gone stands still.
         "transport": {
             "unicast": {
-                "lowlatency": lease_s >= LONG_LEASE_S and not batching, "qos": {"enabled": False},
+                "lowlatency": lease_s >= LONG_LEASE_S and not batching,
+                "qos": {"enabled": False},
             },
             # Where there is a batching layer, room for a burst at the end of a run.
             "link": {"tx": {"lease": round(1000 * lease_s), "queue": {"size": {"data": 16}}}},
             "shared_memory": {"enabled": False},
         },
-    }  # fmt: skip
+    }
     if credentials is not None:
         config["transport"]["link"]["tls"] = credentials.tls(listening=listen is not None)
         if listen:

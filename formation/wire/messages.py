@@ -195,14 +195,40 @@ KILL: Final = "kill"
 """The reason of an End for a robot that is to be killed: it says its last and waits for that."""
 
 Message = (
-    Join | Brief | Meet | Ready | Gone | CatchUp | Sense | Drive | Waiting | Links | Rejected
-    | Failed | End | Begin | Ask | Measured | Timing
-)  # fmt: skip
+    Join
+    | Brief
+    | Meet
+    | Ready
+    | Gone
+    | CatchUp
+    | Sense
+    | Drive
+    | Waiting
+    | Links
+    | Rejected
+    | Failed
+    | End
+    | Begin
+    | Ask
+    | Measured
+    | Timing
+)
 
 _KINDS: Final[tuple[type[Message], ...]] = (
-    Join, Brief, Ready, Waiting, Links, Rejected, Failed, End, Meet, Gone, CatchUp,
-    Begin, Timing,
-)  # fmt: skip
+    Join,
+    Brief,
+    Ready,
+    Waiting,
+    Links,
+    Rejected,
+    Failed,
+    End,
+    Meet,
+    Gone,
+    CatchUp,
+    Begin,
+    Timing,
+)
 _TAGS: Final = {kind: tag for tag, kind in enumerate(_KINDS)}
 _FIELD_TYPES: Final = {
     kind: [_type if isinstance(_type, type) else list for _type in kind.__annotations__.values()]

@@ -81,32 +81,59 @@ def access_control(robots: Iterable[int]) -> dict[str, Any]:
         name = robot_name(robot)
         own = [f"formnet/*/from-robot/{robot}", f"formnet/*/broadcast/{robot}"]
         heard = [f"formnet/*/to-robot/{robot}", "formnet/*/broadcast/*"]
-        mine = list(_rules(name, puts=own, hears=heard, alive=f"formnet/*/alive/robot/{robot}",
-                           watches=["formnet/*/alive/plant"]))  # fmt: skip
+        mine = list(
+            _rules(
+                name,
+                puts=own,
+                hears=heard,
+                alive=f"formnet/*/alive/robot/{robot}",
+                watches=["formnet/*/alive/plant"],
+            )
+        )
         rules += mine
         subjects.append({"id": name, "cert_common_names": [name]})
         policies.append({"rules": [rule["id"] for rule in mine], "subjects": [name]})
-    watching = list(_rules(MONITOR, puts=[], hears=["formnet/*/broadcast/*", "formnet/*/watch"],
-                           alive=None, watches=["formnet/*/alive/**"],
-                           asks=["formnet/*/history"]))  # fmt: skip
+    watching = list(
+        _rules(
+            MONITOR,
+            puts=[],
+            hears=["formnet/*/broadcast/*", "formnet/*/watch"],
+            alive=None,
+            watches=["formnet/*/alive/**"],
+            asks=["formnet/*/history"],
+        )
+    )
     rules += watching
     subjects.append({"id": MONITOR, "cert_common_names": [MONITOR]})
     policies.append({"rules": [rule["id"] for rule in watching], "subjects": [MONITOR]})
     return {
-        "enabled": True, "default_permission": "deny",
-        "rules": rules, "subjects": subjects, "policies": policies,
-    }  # fmt: skip
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
 
 
 def _rules(
-    name: str, *, puts: list[str], hears: list[str], alive: str | None, watches: list[str],
+    name: str,
+    *,
+    puts: list[str],
+    hears: list[str],
+    alive: str | None,
+    watches: list[str],
     asks: Sequence[str] = (),
-) -> Iterator[dict[str, Any]]:  # fmt: skip
+) -> Iterator[dict[str, Any]]:
     """What ``name`` may send to the hub (ingress) and get from it (egress)."""
 
     def rule(what: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
-        return {"id": f"{name}-{what}", "permission": "allow", "flows": [flow],
-                "messages": messages, "key_exprs": keys}  # fmt: skip
+        return {
+            "id": f"{name}-{what}",
+            "permission": "allow",
+            "flows": [flow],
+            "messages": messages,
+            "key_exprs": keys,
+        }
 
     if puts:
         yield rule("puts", "ingress", ["put"], puts)
@@ -120,6 +147,10 @@ def _rules(
         yield rule("is-answered", "egress", ["declare_queryable", "reply"], [*asks])
     if alive is not None:
         yield rule("is-alive", "ingress", ["liveliness_token"], [alive])
-    yield rule("asks-who-is-alive", "ingress",
-               ["declare_liveliness_subscriber", "liveliness_query"], watches)  # fmt: skip
+    yield rule(
+        "asks-who-is-alive",
+        "ingress",
+        ["declare_liveliness_subscriber", "liveliness_query"],
+        watches,
+    )
     yield rule("sees-who-is-alive", "egress", ["liveliness_token"], watches)

@@ -35,10 +35,17 @@ def summary(rows: Sequence[Row]) -> Figure:
                 error = result.error(claim)
                 ratio = _MOST if error is None else error / result.tolerance(claim)
                 axes.plot(
-                    np.clip(ratio, _LEAST, _MOST), place + 0.22 * (shift - 1),
-                    marker="x" if wanted is None else "o", ms=5, ls="", mew=1.2,
-                    color=colour, mfc=colour if wanted else "white", clip_on=False, zorder=3,
-                )  # fmt: skip
+                    np.clip(ratio, _LEAST, _MOST),
+                    place + 0.22 * (shift - 1),
+                    marker="x" if wanted is None else "o",
+                    ms=5,
+                    ls="",
+                    mew=1.2,
+                    color=colour,
+                    mfc=colour if wanted else "white",
+                    clip_on=False,
+                    zorder=3,
+                )
     for place in range(0, len(rows), 2):
         axes.axhspan(place - 0.5, place + 0.5, color="0.96", lw=0, zorder=0)
     axes.axvline(1.0, color="0.2", lw=1.2, zorder=1)
@@ -50,8 +57,10 @@ def summary(rows: Sequence[Row]) -> Figure:
     right.set_yticks(range(len(rows)), [row.verdict for row in rows], fontsize=8)
     for label, row in zip(right.get_yticklabels(), rows, strict=True):
         label.set_color(_VERDICT_COLOURS.get(row.verdict, "#009E73"))
-    axes.set_xlabel("largest error in the last tenth of a run, over its tolerance "
-                    "(right edge: not finite, or beyond)")  # fmt: skip
+    axes.set_xlabel(
+        "largest error in the last tenth of a run, over its tolerance "
+        "(right edge: not finite, or beyond)"
+    )
     figure.legend(handles=_legend(), loc="outside upper center", ncols=6, fontsize=8, frameon=False)
     return figure
 
@@ -78,9 +87,12 @@ def compared(cooperative: Collected, following: Collected) -> Figure:
     figure = blank(11.0, 7.4)
     upper, lower = figure.subplots(2, 2)
     for axes, motion, run, title in zip(
-        upper, lower, (cooperative, following),
-        ("cooperative law (Theorem 4)", "leader-follower control (Desai et al. 2001)"), strict=True,
-    ):  # fmt: skip
+        upper,
+        lower,
+        (cooperative, following),
+        ("cooperative law (Theorem 4)", "leader-follower control (Desai et al. 2001)"),
+        strict=True,
+    ):
         kill = next(event for event in run.events if event.kind == "kill")
         _errors_of_the_rest(axes, run, kill)
         axes.set_title(title)
@@ -96,16 +108,16 @@ def _errors_of_the_rest(axes: Axes, run: Collected, kill: Event) -> None:
     kept = [k for k, r in enumerate(run.scenario.ids) if r not in kill.details["robots"]]
     trajectories = run.trajectories
     found = errors(
-        trajectories.positions_m[:, kept], trajectories.headings_rad[:, kept],
+        trajectories.positions_m[:, kept],
+        trajectories.headings_rad[:, kept],
         run.scenario.offsets_m[kept],
-    )  # fmt: skip
+    )
     named = labels(run.scenario)
     for series, colour, claim in (
         (found.formation_m, COLOURS[0], "formation"),
         (found.heading_rad, COLOURS[1], "heading"),
     ):
-        axes.semilogy(trajectories.t_s, np.maximum(series, 1e-12), color=colour,
-                      label=named[claim])  # fmt: skip
+        axes.semilogy(trajectories.t_s, np.maximum(series, 1e-12), color=colour, label=named[claim])
     killed = ", ".join(map(str, kill.details["robots"]))
     axes.axvline(kill.t_ns / 1e9, color="0.3", ls="--", lw=1.0, label=f"robot {killed} killed")
     axes.set_xlabel("t (s)")
@@ -125,8 +137,9 @@ def _motion(axes: Axes, run: Collected, kill: Event) -> None:
         axes.plot(*positions[since, k], "o", color=colour, mfc="white", ms=6)
         dead = robot in kill.details["robots"]
         axes.plot(*positions[-1, k], "X" if dead else "o", color=colour, ms=9 if dead else 6)
-        axes.annotate(f"{robot}", positions[-1, k], xytext=(6, 5), textcoords="offset points",
-                      fontsize=9)  # fmt: skip
+        axes.annotate(
+            f"{robot}", positions[-1, k], xytext=(6, 5), textcoords="offset points", fontsize=9
+        )
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.set_title(f"from the kill (○) to t = {t_ns[-1] / 1e9:g} s (●, × dead)", fontsize=10)

@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from formnet.lab.claims import figures, report
-from formnet.lab.claims.catalogue import COMPARED
+from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.results import Row
 from formnet.lab.claims.work import scenario_of
 from formnet.lab.figures.canvas import save
@@ -23,8 +23,9 @@ def write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
         OSError: a file cannot be written; those after it are not.
     """
     files.replace(folder / "claims.md", report.markdown(rows))
-    text = json.dumps(report.as_json(rows, mode=mode), indent=2, allow_nan=False,
-                      ensure_ascii=False)  # fmt: skip
+    text = json.dumps(
+        report.as_json(rows, mode=mode), indent=2, allow_nan=False, ensure_ascii=False
+    )
     files.write_new(folder / "claims.json", text + "\n")
     drawn = {"claims": figures.summary(rows)} if rows else {}
     following = next((row for row in rows if row.claim.key == "leader-follower"), None)

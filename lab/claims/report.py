@@ -26,10 +26,14 @@ def markdown(rows: Sequence[Row]) -> str:
     ]
     for row in rows:
         cells = [
-            f"{row.claim.says} (`{row.claim.key}`)", row.claim.where, str(len(row.results)),
-            row.claim.should, row.happened, *(number(row, claim) for claim in EQUATIONS),
+            f"{row.claim.says} (`{row.claim.key}`)",
+            row.claim.where,
+            str(len(row.results)),
+            row.claim.should,
+            row.happened,
+            *(number(row, claim) for claim in EQUATIONS),
             row.verdict,
-        ]  # fmt: skip
+        ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -61,8 +65,11 @@ def as_json(rows: Sequence[Row], *, mode: str) -> dict[str, Any]:
                         "name": result.case.name,
                         "scenario": result.case.scenario,
                         "overrides": list(result.case.all_overrides),
-                        "expected": None if result.case.expected is None else {
-                            **result.case.expected, "diverges": result.case.diverges,
+                        "expected": None
+                        if result.case.expected is None
+                        else {
+                            **result.case.expected,
+                            "diverges": result.case.diverges,
                         },
                         "as_expected": result.as_expected,
                         "outcome": result.verdict["outcome"],
@@ -76,7 +83,7 @@ def as_json(rows: Sequence[Row], *, mode: str) -> dict[str, Any]:
             }
             for row in rows
         ],
-    }  # fmt: skip
+    }
 
 
 def around(file: Path) -> tuple[str, str]:

@@ -79,9 +79,12 @@ JOBS = click.option(
     "--jobs", type=Whole(1), help="Inline runs at once  [default: one for each core]"
 )
 OVERRIDE = click.option(
-    "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY.PATH=VALUE",
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
-)  # fmt: skip
+)
 RUN_ID = click.option(
     "--run", "run_name", required=True, metavar="ID", help="The run to take part in."
 )

@@ -47,14 +47,23 @@ def graph(recording: Collected) -> Figure:
     axes.set_aspect("equal", adjustable="datalim")
     weights = list(scenario.formation.weights.values())
     alike = len(set(weights)) == 1
-    axes.set_title(f"communication graph, b = {weights[0]:g}" if alike else
-                   "communication graph, b on the edges")  # fmt: skip
+    axes.set_title(
+        f"communication graph, b = {weights[0]:g}"
+        if alike
+        else "communication graph, b on the edges"
+    )
     axes.set_xlabel("p_x (m)")
     axes.set_ylabel("p_y (m)")
     if legend:
         figure.set_size_inches(_SIDE_IN, _SIDE_IN + 0.1 + 0.19 * len(legend))
-        figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=1,
-                      fontsize=8, handlelength=3.0)  # fmt: skip
+        figure.legend(
+            list(legend.values()),
+            list(legend),
+            loc="outside lower center",
+            ncols=1,
+            fontsize=8,
+            handlelength=3.0,
+        )
     return figure
 
 
@@ -84,21 +93,32 @@ def _draw_edges(
         found = cuts(scenario, edge, end_ns)
         some = found.at_the_end or found.healed
         colour = _CUT if found.at_the_end else "0.6"
-        (drawn,) = axes.plot(line[:, 0], line[:, 1], color=colour, ls="--" if some else "-",
-                             lw=1.5, zorder=1)  # fmt: skip
+        (drawn,) = axes.plot(
+            line[:, 0], line[:, 1], color=colour, ls="--" if some else "-", lw=1.5, zorder=1
+        )
         if some:
             what = "cut at the end" if found.at_the_end else "was cut, and healed"
             legend.setdefault(f"link {what}", drawn)
         if len(some) == 1:  # one way
             way = line if some[0] == edge else line[::-1]
-            axes.annotate("", way[28], way[26], zorder=1.5,
-                          arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5,
-                                      "mutation_scale": 14})  # fmt: skip
+            axes.annotate(
+                "",
+                way[28],
+                way[26],
+                zorder=1.5,
+                arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "mutation_scale": 14},
+            )
             legend["arrow: cut this way only"] = Line2D([], [], color=colour, marker=">", ls="--")
         if not alike:
-            axes.annotate(f"{weight:g}", line[20], fontsize=8, color="0.35",
-                          ha="center", va="center",
-                          bbox={"fc": "white", "ec": "none", "pad": 1})  # fmt: skip
+            axes.annotate(
+                f"{weight:g}",
+                line[20],
+                fontsize=8,
+                color="0.35",
+                ha="center",
+                va="center",
+                bbox={"fc": "white", "ec": "none", "pad": 1},
+            )
     return legend
 
 
@@ -117,10 +137,24 @@ def _draw_robots(axes: Axes, recording: Collected, lines: NDArray[np.float64]) -
         falls = list(presence.spans(roster, robot, 0, last))
         is_down = bool(falls) and falls[-1].end > last
         damping = scenario.vehicles[robot].damping
-        axes.plot(*offsets[i], "o", ms=size_pt, color=_DOWN if is_down else colour,
-                  mec="black" if damping > 0 else "none", mew=2.0, zorder=2)  # fmt: skip
-        axes.annotate(str(robot), offsets[i], color="black" if is_down else "white", ha="center",
-                      va="center", fontsize=min(10.0, 0.5 * size_pt), zorder=3)  # fmt: skip
+        axes.plot(
+            *offsets[i],
+            "o",
+            ms=size_pt,
+            color=_DOWN if is_down else colour,
+            mec="black" if damping > 0 else "none",
+            mew=2.0,
+            zorder=2,
+        )
+        axes.annotate(
+            str(robot),
+            offsets[i],
+            color="black" if is_down else "white",
+            ha="center",
+            va="center",
+            fontsize=min(10.0, 0.5 * size_pt),
+            zorder=3,
+        )
         if damping > 0.0 and len(dampings) > 1:
             room_pt = (1.4 if falls else 1.0) * size_pt
             _beside(axes, i, offsets, lines, f"μ = {damping:g}", size_pt, room_pt, points_per_m)
@@ -165,9 +199,15 @@ def _size_pt(offsets: NDArray[np.float64], points_per_m: float) -> float:
 
 
 def _beside(
-    axes: Axes, i: int, offsets: NDArray[np.float64], lines: NDArray[np.float64], text: str,
-    size_pt: float, room_pt: float, points_per_m: float,
-) -> None:  # fmt: skip
+    axes: Axes,
+    i: int,
+    offsets: NDArray[np.float64],
+    lines: NDArray[np.float64],
+    text: str,
+    size_pt: float,
+    room_pt: float,
+    points_per_m: float,
+) -> None:
     """Write beside robot ``i``, which takes ``room_pt``, where there is most room.
 
     Of eight directions that in which the letters' box is farthest from other robots and, where
@@ -187,6 +227,13 @@ def _beside(
     robots_pt = least_pt(np.delete(offsets, i, axis=0)) - 0.5 * size_pt
     best = int(np.argmax(np.minimum(robots_pt, 6.0 + least_pt(lines.reshape(-1, 2)))))
     right_pt, up_pt = aside_pt[best]
-    axes.annotate(text, (offsets[i, 0], offsets[i, 1]), xytext=(right_pt, up_pt),
-                  textcoords="offset points", ha="center", va="center", fontsize=8,
-                  zorder=3)  # fmt: skip
+    axes.annotate(
+        text,
+        (offsets[i, 0], offsets[i, 1]),
+        xytext=(right_pt, up_pt),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=8,
+        zorder=3,
+    )

@@ -27,11 +27,17 @@ _BINS = 60
 _FOOT, _LOW, _HIGH = -0.4, -0.28, 0.4
 """Heights in a band of links from -0.5 to 0.5: of what is lost, of no delay, of the longest."""
 _FATES = {
-    "delivered": COLOURS[0], "duplicated": COLOURS[5], "corrupted": COLOURS[2],
-    "lost: random": COLOURS[1], "lost: burst": COLOURS[3], "lost: cut": COLOURS[6],
-    "lost: queue": COLOURS[4], "lost: late": "#882255", "lost: trace": COLOURS[7],
+    "delivered": COLOURS[0],
+    "duplicated": COLOURS[5],
+    "corrupted": COLOURS[2],
+    "lost: random": COLOURS[1],
+    "lost: burst": COLOURS[3],
+    "lost: cut": COLOURS[6],
+    "lost: queue": COLOURS[4],
+    "lost: late": "#882255",
+    "lost: trace": COLOURS[7],
     "lost: receiver down": "#888888",
-}  # fmt: skip
+}
 
 
 class Stretch(NamedTuple):
@@ -113,8 +119,13 @@ def _histogram(axes: Axes, settings: LinkSettings, delays_ms: NDArray[np.float64
         low, top = low - 0.5, top + 0.5
     bins = [float(edge) for edge in np.linspace(low, top, _BINS + 1)]
     weights = np.full(len(delays_ms), 100.0 / len(delays_ms))
-    axes.hist(delays_ms, bins, weights=weights, color=COLOURS[5],
-              label=f"measured, {len(delays_ms):,} messages")  # fmt: skip
+    axes.hist(
+        delays_ms,
+        bins,
+        weights=weights,
+        color=COLOURS[5],
+        label=f"measured, {len(delays_ms):,} messages",
+    )
     shares = np.histogram(asked_ms, bins)[0] * (100.0 / len(u))
     axes.stairs(shares, bins, color=COLOURS[1], lw=1.4, label=f"configured{_moved_by(settings)}")
     axes.set_xlabel("delay (ms)")
@@ -133,9 +144,11 @@ def _delay_in_words(settings: LinkSettings) -> str:
 def _moved_by(settings: LinkSettings) -> str:
     """What beside the delay decides when a message arrives."""
     others = {
-        "reordering": settings.reorder.probability, "rate": settings.rate.bits_per_s,
-        "slots": settings.slots.max_s, "order": settings.keep_order,
-    }  # fmt: skip
+        "reordering": settings.reorder.probability,
+        "rate": settings.rate.bits_per_s,
+        "slots": settings.slots.max_s,
+        "order": settings.keep_order,
+    }
     if settings.playout_s:
         return " playout"
     beside = [name for name, on in others.items() if on]
@@ -162,10 +175,19 @@ def deliveries(
     foot of the band.
     """
     shown = list(by_link.items())[:MOST_LINKS]
-    highest_ms = max(
-        (row.t_usable_ns - row.t_sent_ns for _, rows in shown for row in rows if row.t_usable_ns),
-        default=0,
-    ) / 1e6 or 1.0  # fmt: skip
+    highest_ms = (
+        max(
+            (
+                row.t_usable_ns - row.t_sent_ns
+                for _, rows in shown
+                for row in rows
+                if row.t_usable_ns
+            ),
+            default=0,
+        )
+        / 1e6
+        or 1.0
+    )
     figure = blank(11.0, 1.3 + 0.5 * len(shown))
     axes = figure.subplots()
     points: dict[str, list[tuple[float, float]]] = {}
@@ -208,7 +230,8 @@ def deliveries(
     axes.set_title(f"{height_is}{more}", fontsize=9)
     handles = [
         Line2D([], [], color=colour, marker="o", ms=4, ls="none", label=fate)
-        for fate, colour in _FATES.items() if fate in points
-    ]  # fmt: skip
+        for fate, colour in _FATES.items()
+        if fate in points
+    ]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=8)
     return figure

@@ -117,8 +117,7 @@ def paths(recording: Collected) -> Figure:
         down = "" if robot in up else " (down)"
         end.plot(*final[i], "X" if down else "o", color=colour, ms=7)
         end.annotate(f"{robot}{down}", final[i], xytext=(6, 6), textcoords="offset points")
-        end.quiver(*final[i], np.cos(heading), np.sin(heading), color=colour,
-                   width=0.006, scale=14)  # fmt: skip
+        end.quiver(*final[i], np.cos(heading), np.sin(heading), color=colour, width=0.006, scale=14)
     end.margins(0.18)
     end.set_title(f"t = {trajectories.t_s[-1]:g} s")
     if edges:
@@ -131,13 +130,18 @@ def paths(recording: Collected) -> Figure:
 
 
 def _pattern(
-    axes: Axes, points: NDArray[np.float64], edges: list[tuple[int, int]], width: float,
-    colour: str, label: str,
-) -> None:  # fmt: skip
+    axes: Axes,
+    points: NDArray[np.float64],
+    edges: list[tuple[int, int]],
+    width: float,
+    colour: str,
+    label: str,
+) -> None:
     """The graph's edges between points (n, 2)."""
     lines = list(curves(points, edges))
-    axes.add_collection(LineCollection(lines, linewidths=width, colors=colour, label=label,
-                                       zorder=0))  # fmt: skip
+    axes.add_collection(
+        LineCollection(lines, linewidths=width, colors=colour, label=label, zorder=0)
+    )
 
 
 def _left_out(shown: Trajectories, whole_run: Trajectories) -> str:
@@ -197,16 +201,30 @@ def lyapunov(recording: Collected, found: Curve) -> Figure:
     axes = figure.subplots()
     v = np.where(found.v > 0.0, found.v, np.nan)  # nobody is up
     heard = np.argmax(found.whole) if found.whole.any() else len(found.v)
-    axes.semilogy(found.t_s[: heard + 1], v[: heard + 1], ls=":", color=COLOURS[0],
-                  label="V before all neighbours were heard")  # fmt: skip
-    axes.semilogy(found.t_s[heard:], v[heard:], color=COLOURS[0],
-                  label=f"V, Eq. {equation(scenario)}")  # fmt: skip
+    axes.semilogy(
+        found.t_s[: heard + 1],
+        v[: heard + 1],
+        ls=":",
+        color=COLOURS[0],
+        label="V before all neighbours were heard",
+    )
+    axes.semilogy(
+        found.t_s[heard:], v[heard:], color=COLOURS[0], label=f"V, Eq. {equation(scenario)}"
+    )
     budget = np.where(np.isfinite(found.budget) & (found.budget > 0), found.budget, np.nan)
-    axes.semilogy(found.t_s, budget, color="0.6", lw=0.9,
-                  label="what it may gain a broadcast period")  # fmt: skip
+    axes.semilogy(
+        found.t_s, budget, color="0.6", lw=0.9, label="what it may gain a broadcast period"
+    )
     for number, rise in enumerate(rises(recording, found)):
-        axes.axvspan(rise.begin_s, rise.end_s, color=COLOURS[1], alpha=0.35, lw=1.0, zorder=0,
-                     label="V gains more" if number == 0 else None)  # fmt: skip
+        axes.axvspan(
+            rise.begin_s,
+            rise.end_s,
+            color=COLOURS[1],
+            alpha=0.35,
+            lw=1.0,
+            zorder=0,
+            label="V gains more" if number == 0 else None,
+        )
     _mark_plan(axes, scenario, found.t_s[-1])
     axes.set_xlabel("t (s)")
     axes.set_ylabel("V")
@@ -228,9 +246,15 @@ def _mark_plan(axes: Axes, scenario: Scenario, end_s: float) -> None:
         row = (row + 1) % 3 if at_s - before_s < 0.03 * end_s else 0  # side by side: one above
         before_s = at_s
         axes.axvline(at_s, color="0.45", lw=0.8, ls="--", zorder=0)
-        axes.annotate(",".join(map(str, numbers)), (at_s, 1.0), xycoords=("data", "axes fraction"),
-                      xytext=(0, 3 + 8 * row), textcoords="offset points", ha="center",
-                      fontsize=7)  # fmt: skip
+        axes.annotate(
+            ",".join(map(str, numbers)),
+            (at_s, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3 + 8 * row),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+        )
     lines = [f"{k}  {entry.at_s:g} s: {entry.what}" for k, entry in enumerate(entries, start=1)]
     if len(lines) > MOST_PLANNED:
         more = len(lines) - MOST_PLANNED
@@ -239,8 +263,9 @@ def _mark_plan(axes: Axes, scenario: Scenario, end_s: float) -> None:
     assert isinstance(figure, Figure)
     figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + 0.17 * len(lines))
     longest = int(14.4 * figure.get_figwidth())
-    figure.supxlabel("\n".join(_shortened(line, longest) for line in lines),
-                     x=0.02, ha="left", fontsize=7.5)  # fmt: skip
+    figure.supxlabel(
+        "\n".join(_shortened(line, longest) for line in lines), x=0.02, ha="left", fontsize=7.5
+    )
 
 
 def _shortened(line: str, longest: int) -> str:

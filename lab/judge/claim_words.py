@@ -18,9 +18,10 @@ UNITS = {"formation": "m", "heading": "rad", "centroid": "m", "lyapunov": ""}
 NOTHING = "neither formation, heading nor centroid"
 """What was observed of the claims where none was."""
 ENDS = {
-    "formation": "formation_error_m", "heading": "heading_error_rad",
+    "formation": "formation_error_m",
+    "heading": "heading_error_rad",
     "centroid": "centroid_error_m",
-}  # fmt: skip
+}
 """Under which key of a verdict each error at the end is."""
 
 
@@ -49,9 +50,10 @@ def errors(*scenarios: Scenario) -> str:
 def told(judged: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claims of a verdict that there is something to say of: V only if known or claimed."""
     return {
-        name: claim for name, claim in judged["claims"].items()
+        name: claim
+        for name, claim in judged["claims"].items()
         if name != "lyapunov" or claim["expected"] is not None or judged.get("lyapunov") is not None
-    }  # fmt: skip
+    }
 
 
 def capital(text: str) -> str:

@@ -103,16 +103,19 @@ class ClosedLoop:
         w1, w1_dot, w1_ddot = w.w1, w.w1_dot, w.w1_ddot
         first = sums[0] - pull * r.s + w1
         second = (
-            sums[1] - pull * r.z2 - beta * w1 * (w1 * r.z2 - beta * r.z3 * w1**2)
+            sums[1]
+            - pull * r.z2
+            - beta * w1 * (w1 * r.z2 - beta * r.z3 * w1**2)
             - beta * r.z3 * w1_dot
-        )  # fmt: skip
+        )
         first_dot = sums[2] - pull * r.s_dot + w1_dot
         second_dot = (
-            sums[3] - pull * r.z2_dot
+            sums[3]
+            - pull * r.z2_dot
             - beta * (2.0 * w1 * w1_dot * r.z2 + w1**2 * r.z2_dot)
             + beta**2 * (3.0 * w1**2 * w1_dot * r.z3 + w1**3 * r.z3_dot)
             - beta * (r.z3_dot * w1_dot + r.z3 * w1_ddot)
-        )  # fmt: skip
+        )
         if compensated:
             second = second - w1 * r.z3
             second_dot = second_dot - w1_dot * r.z3 - w1 * r.z3_dot

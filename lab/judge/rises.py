@@ -54,17 +54,19 @@ class _Causes:
     def __init__(self, recording: Collected) -> None:
         scenario = recording.scenario
         self._standing = standing_causes(scenario)
-        self._happenings = [(entry.at_s, f"{entry.what} at {entry.at_s:g} s")
-                            for entry in scenario.plan]  # fmt: skip
+        self._happenings = [
+            (entry.at_s, f"{entry.what} at {entry.at_s:g} s") for entry in scenario.plan
+        ]
         self._happenings += [
             (event.t_ns / 1e9, f"robot {event.details['robot']} lost at {event.t_ns / 1e9:g} s")
             for event in recording.events
             if event.kind == "lost"
         ]
         lost = [
-            row for row in recording.link_rows
+            row
+            for row in recording.link_rows
             if row.fate.startswith("lost") and row.fate != LOST_DOWN
-        ]  # fmt: skip
+        ]
         self._lost_s = np.sort(np.array([row.t_sent_ns for row in lost], dtype=np.float64)) / 1e9
         delays = [
             row.t_usable_ns - row.t_sent_ns

@@ -74,15 +74,18 @@ def of(
         "mode": mode,
         "seed": scenario.seed,
         "outcome": {
-            "kind": outcome.kind, "t_s": simulated_s,
-            "robot": outcome.robot, "reason": outcome.reason,
+            "kind": outcome.kind,
+            "t_s": simulated_s,
+            "robot": outcome.robot,
+            "reason": outcome.reason,
         },
         "robots": {
             "judged": judged,
             "down_at_the_end": [robot for robot in scenario.ids if robot not in judged],
             "lost": [
                 {"t_s": event.t_ns / 1e9, **event.details}
-                for event in recording.events if event.kind == "lost"
+                for event in recording.events
+                if event.kind == "lost"
             ],
         },
         "warnings": list(warnings),
@@ -94,7 +97,9 @@ def of(
         "window_s": window_s(scenario),
         "settling_time_s": settling_time(
             trajectories.t_s, {c: s for c, s in by_claim(found).items() if c in asked}, tolerances
-        ) if completed else None,
+        )
+        if completed
+        else None,
         "claims": claims,
         "motion": recording.motion,
         "lyapunov": rising,
@@ -106,7 +111,7 @@ def of(
         "realtime_factor": simulated_s / wall_s if wall_s > 0 else None,
         "realtime": next((e.details for e in recording.events if e.kind == "timing"), None),
         "versions": versions(),
-    }  # fmt: skip
+    }
 
 
 def save(verdict: Mapping[str, Any], folder: Path) -> None:
@@ -243,11 +248,13 @@ def _lyapunov(recording: Collected) -> dict[str, Any] | None:
         "budget": None if first is None else _number(found.budget[first + 1 :].sum()),
         "may_rise_by": standing_causes(recording.scenario),
         "rises": [
-            {name: _number(value) if name.endswith("gain") else value
-             for name, value in rise._asdict().items()}
+            {
+                name: _number(value) if name.endswith("gain") else value
+                for name, value in rise._asdict().items()
+            }
             for rise in rises(recording, found)
         ],
-    }  # fmt: skip
+    }
 
 
 def rises_in_words(verdict: Mapping[str, Any]) -> str | None:

@@ -123,9 +123,14 @@ class Launch:
     """
 
     def __init__(
-        self, scenario: Scenario, name: str, sink: Sink, logs: Path, place: Place = HERE,
+        self,
+        scenario: Scenario,
+        name: str,
+        sink: Sink,
+        logs: Path,
+        place: Place = HERE,
         begun: Begun = lambda *_: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._place = place
         self._sink = sink
         self._logs = logs
@@ -150,10 +155,19 @@ class Launch:
         self.endpoint = endpoint = place.endpoint or f"{scheme}/{LOOPBACK}:{free_port()}"
         self.plant = self._spawn(
             "plant",
-            ["plant", "-", "--connect" if place.routed else "--listen", endpoint,
-             "--record", "-",
-             "--start-patience", str(START_PATIENCE_S), *common, *place.options],
-        )  # fmt: skip
+            [
+                "plant",
+                "-",
+                "--connect" if place.routed else "--listen",
+                endpoint,
+                "--record",
+                "-",
+                "--start-patience",
+                str(START_PATIENCE_S),
+                *common,
+                *place.options,
+            ],
+        )
         self.plant.tell(dumps(scenario.without_hosts).encode() + END_OF_SCENARIO)
         self._log_reader: threading.Thread | None = None
         if self.plant.stderr is not None:

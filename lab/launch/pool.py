@@ -103,9 +103,7 @@ def shown(
             yield item, result
 
 
-def _guarded(
-    work: Work[Item, Result], item: Item, stopped: Stopped
-) -> tuple[list[Result], str]:  # fmt: skip
+def _guarded(work: Work[Item, Result], item: Item, stopped: Stopped) -> tuple[list[Result], str]:
     try:
         return [work(item, stopped)], ""
     except OSError as error:  # the machine's fault, not the code's

@@ -41,17 +41,23 @@ class Refusals:
         keys = Keys(run)
         self._common = {
             robot_name(robot): {
-                keys.from_robot(robot), keys.broadcast(robot), keys.robot_alive(robot),
-                keys.to_robot(robot), keys.plant_alive,
+                keys.from_robot(robot),
+                keys.broadcast(robot),
+                keys.robot_alive(robot),
+                keys.to_robot(robot),
+                keys.plant_alive,
                 *(keys.broadcast(other) for other in scenario.neighbours_of[robot]),
             }
             for robot in scenario.ids
-        }  # fmt: skip
+        }
         self._common[MONITOR] = {
-            keys.broadcasts, keys.plant_alive, keys.watch, keys.history,
+            keys.broadcasts,
+            keys.plant_alive,
+            keys.watch,
+            keys.history,
             *(keys.broadcast(robot) for robot in scenario.ids),
             *(keys.robot_alive(robot) for robot in scenario.ids),
-        }  # fmt: skip
+        }
         self._times: Counter[tuple[str, str, str]] = Counter()
         self._told: Counter[tuple[str, str]] = Counter()
 

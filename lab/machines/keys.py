@@ -73,8 +73,10 @@ def _authority(
     certificate, private = folder / "ca.pem", folder / _AUTHORITY_KEY
     if certificate.exists():
         if not private.exists():
-            raise KeysExist(f"{certificate} is there and its {private.name} is not: certificates "
-                            "are made where the authority's key is")  # fmt: skip
+            raise KeysExist(
+                f"{certificate} is there and its {private.name} is not: certificates "
+                "are made where the authority's key is"
+            )
         key = serialization.load_pem_private_key(private.read_bytes(), None)
         assert isinstance(key, ec.EllipticCurvePrivateKey)
         return x509.load_pem_x509_certificate(certificate.read_bytes()), key
@@ -91,9 +93,13 @@ def _authority(
 
 
 def _certificate(
-    name: str, hosts: Sequence[str], key: ec.EllipticCurvePrivateKey, issuer: x509.Name,
-    issuer_key: ec.EllipticCurvePrivateKey, days: int,
-) -> x509.Certificate:  # fmt: skip
+    name: str,
+    hosts: Sequence[str],
+    key: ec.EllipticCurvePrivateKey,
+    issuer: x509.Name,
+    issuer_key: ec.EllipticCurvePrivateKey,
+    days: int,
+) -> x509.Certificate:
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     uses = [ExtendedKeyUsageOID.CLIENT_AUTH]
     if hosts:
@@ -133,10 +139,16 @@ def _builder(
 
 def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
     return x509.KeyUsage(
-        digital_signature=True, key_cert_sign=signs_certificates, crl_sign=signs_certificates,
-        content_commitment=False, key_encipherment=False, data_encipherment=False,
-        key_agreement=False, encipher_only=False, decipher_only=False,
-    )  # fmt: skip
+        digital_signature=True,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
 
 
 def _host(host: str) -> x509.GeneralName:

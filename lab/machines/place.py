@@ -43,8 +43,9 @@ class Where:
         """
         if self.router is not None:
             try:
-                bus.check_endpoint(self.router, secure=self.keys is not None,
-                                   plaintext=self.plaintext)  # fmt: skip
+                bus.check_endpoint(
+                    self.router, secure=self.keys is not None, plaintext=self.plaintext
+                )
             except bus.BusError as error:
                 raise BadPlace(f"--connect: {error}") from None
         hosts = scenario.hosts

@@ -28,8 +28,10 @@ def _samples(run: Collected) -> Iterator[str]:
     wanted = [(tick * period_ns, robot) for tick in ticks for robot in scenario.ids]
     found = [(sample.t_ns, sample.robot) for sample in run.samples]
     if found != wanted:
-        place = next((k for k, (a, b) in enumerate(zip(found, wanted, strict=False)) if a != b),
-                     min(len(found), len(wanted)))  # fmt: skip
+        place = next(
+            (k for k, (a, b) in enumerate(zip(found, wanted, strict=False)) if a != b),
+            min(len(found), len(wanted)),
+        )
         yield (
             f"samples: {len(found)} instead of {len(wanted)}, or not in order; the first that "
             f"differs is number {place}"
@@ -64,9 +66,12 @@ def _messages(run: Collected) -> Iterator[str]:
     )
     yield from _few(
         "with several fates",
-        [f"{s}→{r} number {k}" for (s, r, k), n in sorted(fates.items())
-         if n > 1 and (s, r) not in doubled],
-    )  # fmt: skip
+        [
+            f"{s}→{r} number {k}"
+            for (s, r, k), n in sorted(fates.items())
+            if n > 1 and (s, r) not in doubled
+        ],
+    )
     late = []
     for row in run.link_rows:
         name = f"{row.source}→{row.destination} number {row.sequence}"
@@ -116,8 +121,11 @@ def _events(run: Collected) -> Iterator[str]:
     yield from _few("planned and not happened", map(str, sorted(planned - found)))
     yield from _few("happened and not planned", map(str, sorted(found - planned)))
     if "lost" in kinds:
-        lost = [f"robot {e.details['robot']} ({e.details['reason']})" for e in events
-                if e.kind == "lost"]  # fmt: skip
+        lost = [
+            f"robot {e.details['robot']} ({e.details['reason']})"
+            for e in events
+            if e.kind == "lost"
+        ]
         yield f"lost without a plan: {', '.join(lost)}"
 
 

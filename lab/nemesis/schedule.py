@@ -25,9 +25,12 @@ SHORTEST_S = 0.002
 """How long an episode lasts at least."""
 
 _UNDONE_AFTER = {
-    "kill": "restart_after_s", "pause": "resume_after_s", "cut": "heal_after_s",
-    "partition": "heal_after_s", "ramp": "duration_s",
-}  # fmt: skip
+    "kill": "restart_after_s",
+    "pause": "resume_after_s",
+    "cut": "heal_after_s",
+    "partition": "heal_after_s",
+    "ramp": "duration_s",
+}
 """The key that says how long an action lasts, by the action."""
 
 
@@ -130,10 +133,16 @@ def _on_robots(
 
 def _cut(random: Random, scenario: Scenario, begin_s: float, end_s: float) -> Episode:
     links = _links(random, scenario)
-    return Episode(begin_s, end_s, {
-        "action": "cut", "links": links, "both_ways": random.random() < 0.5,
-        "in_flight": _in_flight(random),
-    })  # fmt: skip
+    return Episode(
+        begin_s,
+        end_s,
+        {
+            "action": "cut",
+            "links": links,
+            "both_ways": random.random() < 0.5,
+            "in_flight": _in_flight(random),
+        },
+    )
 
 
 def _partition(random: Random, scenario: Scenario, begin_s: float, end_s: float) -> Episode:
@@ -177,11 +186,16 @@ def _rising_loss(random: Random, scenario: Scenario, begin_s: float, end_s: floa
     if any(scenario.link_settings(*link).loss.model != "random" for link in links):
         return _loss(random, scenario, begin_s, end_s)
     changed = _on_network(random, scenario, begin_s, end_s, {"loss": {}}, links)
-    return replace(changed, action={
-        "action": "ramp", "links": [list(link) for link in links],
-        "parameter": "loss.probability", "from_value": 0.0,
-        "to_value": round(random.random(), 3),
-    })  # fmt: skip
+    return replace(
+        changed,
+        action={
+            "action": "ramp",
+            "links": [list(link) for link in links],
+            "parameter": "loss.probability",
+            "from_value": 0.0,
+            "to_value": round(random.random(), 3),
+        },
+    )
 
 
 def _disorder(random: Random, scenario: Scenario, begin_s: float, end_s: float) -> Episode:
@@ -191,29 +205,44 @@ def _disorder(random: Random, scenario: Scenario, begin_s: float, end_s: float) 
 
 
 def _on_network(
-    random: Random, scenario: Scenario, begin_s: float, end_s: float, change: dict[str, Any],
+    random: Random,
+    scenario: Scenario,
+    begin_s: float,
+    end_s: float,
+    change: dict[str, Any],
     links: list[tuple[int, int]] | None = None,
-) -> Episode:  # fmt: skip
+) -> Episode:
     """Settings of some links change, and are what they were again."""
     if links is None:
         links = _links(random, scenario)
     tables = frozenset((*link, table) for link in links for table in change)
     mended = tuple(
-        {"action": "network", "links": [[source, destination]], **{
-            table: getattr(scenario.link_settings(source, destination), table).model_dump(
-                mode="json", exclude_none=True)
-            for table in change
-        }}
+        {
+            "action": "network",
+            "links": [[source, destination]],
+            **{
+                table: getattr(scenario.link_settings(source, destination), table).model_dump(
+                    mode="json", exclude_none=True
+                )
+                for table in change
+            },
+        }
         for source, destination in links
-    )  # fmt: skip
+    )
     action = {"action": "network", "links": [list(link) for link in links], **change}
     return Episode(begin_s, end_s, action, mended, tables)
 
 
 _KINDS: dict[str, Callable[[Random, Scenario, float, float], Episode]] = {
-    "kill": _kill, "pause": _pause, "cut": _cut, "partition": _partition, "delay": _delay,
-    "loss": _loss, "rising loss": _rising_loss, "disorder": _disorder,
-}  # fmt: skip
+    "kill": _kill,
+    "pause": _pause,
+    "cut": _cut,
+    "partition": _partition,
+    "delay": _delay,
+    "loss": _loss,
+    "rising loss": _rising_loss,
+    "disorder": _disorder,
+}
 
 
 def _links(random: Random, scenario: Scenario) -> list[tuple[int, int]]:

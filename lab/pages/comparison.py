@@ -45,20 +45,30 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
     results = [
         ("verdict", [standing(v) for v in verdicts]),
         ("outcome", [v["outcome"]["kind"] for v in verdicts]),
-        *((title, [_claim(units[claim], v["claims"].get(claim)) for v in verdicts])
-          for claim, title in titles.items() if any(claim in told for told in said)),
+        *(
+            (title, [_claim(units[claim], v["claims"].get(claim)) for v in verdicts])
+            for claim, title in titles.items()
+            if any(claim in told for told in said)
+        ),
         ("settled after", [settled(v) for v in verdicts]),
-        *((f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
-          for claim, label in claim_words.labels(*scenarios).items()),
+        *(
+            (f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
+            for claim, label in claim_words.labels(*scenarios).items()
+        ),
         *_motions(verdicts),
         ("messages lost", [_lost(v) for v in verdicts]),
         ("robots lost unplanned", [str(len(v["robots"]["lost"])) for v in verdicts]),
         ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
         ("took (s)", [_number(v["wall_s"], ".2f") for v in verdicts]),
-        ("mode", [f"{v['mode']}, {run.scenario.clock.mode}"
-                  for v, run in zip(verdicts, found, strict=True)]),
+        (
+            "mode",
+            [
+                f"{v['mode']}, {run.scenario.clock.mode}"
+                for v, run in zip(verdicts, found, strict=True)
+            ],
+        ),
         ("sha256", [v["trajectory_sha256"][:12] for v in verdicts]),
-    ]  # fmt: skip
+    ]
     beside = [_beside(found[0], run) for run in found[1:]]
     results.append((f"beside {names[0]}", ["–", *(words for words, _ in beside)]))
     return Comparison(names, results, _scenarios(found), any(bad for _, bad in beside))
@@ -82,8 +92,14 @@ def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
         tolerances = tolerances_of(run.scenario.expect or Expect())
         width = 1.2 + 1.8 * (1 - (number + 1) / count)  # what is the same still shows
         for axes, (claim, errors) in zip(panels, series.items(), strict=True):
-            axes.semilogy(trajectories.t_s, np.maximum(errors, 1e-16), color=colour, ls=dash,
-                          lw=width, label=name)  # fmt: skip
+            axes.semilogy(
+                trajectories.t_s,
+                np.maximum(errors, 1e-16),
+                color=colour,
+                ls=dash,
+                lw=width,
+                label=name,
+            )
             axes.axhline(tolerances[claim], color="0.45", ls=":", lw=1.0)
             axes.set_ylabel(labels[claim])
     panels[-1].set_xlabel("t (s)    (dotted: tolerances)")
@@ -106,25 +122,29 @@ def _beside(first: Recorded, other: Recorded) -> tuple[str, bool]:
     if parted is None:
         return "identical", False
     repeatable = first.scenario.clock.mode == "lockstep" and all(
-        run.verdict is not None and not run.verdict["robots"]["lost"]
-        and run.verdict["outcome"]["kind"] in ("completed", "diverged") for run in (first, other)
-    )  # fmt: skip
+        run.verdict is not None
+        and not run.verdict["robots"]["lost"]
+        and run.verdict["outcome"]["kind"] in ("completed", "diverged")
+        for run in (first, other)
+    )
     return f"differs, {parted}", repeatable
 
 
 def _deciding(run: Recorded) -> dict[str, Any]:
     return {
-        place: value for place, value in by_path(run.scenario).items()
+        place: value
+        for place, value in by_path(run.scenario).items()
         if not place.startswith(_NO_DIFFERENCE)
-    }  # fmt: skip
+    }
 
 
 def _scenarios(found: Sequence[Recorded]) -> list[tuple[str, list[str]]]:
     """The keys in which the scenarios differ."""
     flat = [by_path(run.scenario) for run in found]
     places = dict.fromkeys(place for one in flat for place in one)
-    rows = ((place, [shown(one[place]) if place in one else "–" for one in flat])
-            for place in places)  # fmt: skip
+    rows = (
+        (place, [shown(one[place]) if place in one else "–" for one in flat]) for place in places
+    )
     return [(place, cells) for place, cells in rows if len(set(cells)) > 1]
 
 

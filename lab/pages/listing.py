@@ -76,13 +76,15 @@ def look_at(folder: Path) -> Entry | None:
                 return look(folder, json.loads(file.read_text(encoding="utf-8")), _changed(file))
             except (OSError, ValueError, KeyError, TypeError) as error:
                 note = f"{file.name} cannot be read: {error!r}"
-                return Entry(folder, "broken", folder.name, _changed(file), "unreadable", {},
-                             note=note)  # fmt: skip
+                return Entry(
+                    folder, "broken", folder.name, _changed(file), "unreadable", {}, note=note
+                )
     if any((folder / name).is_file() for name in ("scenario.toml", "verdict.json")):
         return _run(folder)
     if (folder / "cases").is_dir():
-        return Entry(folder, "claims", folder.name, _changed(folder), NO_END, {},
-                     note="no claims.json (yet)")  # fmt: skip
+        return Entry(
+            folder, "claims", folder.name, _changed(folder), NO_END, {}, note="no claims.json (yet)"
+        )
     return None
 
 
@@ -100,14 +102,29 @@ def _run(folder: Path) -> Entry:
     except Unreadable as error:
         missing = not (folder / "verdict.json").exists()
         how = standing(None, None, running=running) if missing else "unreadable"
-        return Entry(folder, "run" if missing else "broken", folder.name, when, how, {},
-                     note="" if running else str(error))  # fmt: skip
+        return Entry(
+            folder,
+            "run" if missing else "broken",
+            folder.name,
+            when,
+            how,
+            {},
+            note="" if running else str(error),
+        )
     return Entry(
-        folder, "run", str(judged["scenario"]), when, verdict.standing(judged),
-        verdict.claimed(judged), judged["settling_time_s"], judged["outcome"]["t_s"],
-        str(judged["mode"]), str(judged["trajectory_sha256"]), _lost(judged),
+        folder,
+        "run",
+        str(judged["scenario"]),
+        when,
+        verdict.standing(judged),
+        verdict.claimed(judged),
+        judged["settling_time_s"],
+        judged["outcome"]["t_s"],
+        str(judged["mode"]),
+        str(judged["trajectory_sha256"]),
+        _lost(judged),
         verdict.settled(judged),
-    )  # fmt: skip
+    )
 
 
 def _lost(judged: Mapping[str, Any]) -> str:
@@ -126,9 +143,16 @@ def _claims(folder: Path, found: Any, when: str) -> Entry:
 def _nemesis(folder: Path, found: Any, when: str) -> Entry:
     well = sum(not trial["problems"] for trial in found)
     how = HOLDS if well == len(found) else FAILS
-    return Entry(folder, "nemesis", folder.name, when, how, {},
-                 mode=found[0]["mode"] if found else "",
-                 note=f"{well} of {len(found)} runs well (nemesis.json)")  # fmt: skip
+    return Entry(
+        folder,
+        "nemesis",
+        folder.name,
+        when,
+        how,
+        {},
+        mode=found[0]["mode"] if found else "",
+        note=f"{well} of {len(found)} runs well (nemesis.json)",
+    )
 
 
 def _began(folder: Path) -> str:

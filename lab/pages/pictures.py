@@ -49,13 +49,16 @@ def _in_words(name: str, run: Recorded) -> str:
         titles = claim_words.titles(scenario)
         ends = ", ".join(
             f"{titles[claim]} {value:.1e} {claim_words.UNITS[claim]}"
-            for claim, key in claim_words.ENDS.items() if (value := judged[key]) is not None
-        )  # fmt: skip
+            for claim, key in claim_words.ENDS.items()
+            if (value := judged[key]) is not None
+        )
         return f"Errors over time on a log axis, with their tolerances. At the end: {ends}."
     if name == "graph":
         edges = ", ".join(f"{a} to {b}" for a, b in scenario.formation.edges) or "none"
-        return ("The robots at their places in the pattern; those that were down and links that "
-                f"were cut are marked. Edges: {edges}.")  # fmt: skip
+        return (
+            "The robots at their places in the pattern; those that were down and links that "
+            f"were cut are marked. Edges: {edges}."
+        )
     return {
         "errors": f"{claim_words.capital(claim_words.errors(scenario))} over time on a log axis, "
         "with their tolerances.",
@@ -68,4 +71,4 @@ def _in_words(name: str, run: Recorded) -> str:
         "deliveries": "A band per link: the delay of every message at the time of its sending, or "
         "how it was lost.",
         "delays": "Histograms of measured delays beside the configured distributions.",
-    }[name]  # fmt: skip
+    }[name]

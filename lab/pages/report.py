@@ -34,9 +34,12 @@ _MOST_LETTERS = 400
 """How much of what an event tells is shown."""
 _MARK = '<meta name="generator" content="formnet">'
 _ENDED = {
-    "diverged": "diverged", "interrupted": "was interrupted", "lost": "ended", "failed": "failed",
+    "diverged": "diverged",
+    "interrupted": "was interrupted",
+    "lost": "ended",
+    "failed": "failed",
     "broken": "broke",
-}  # fmt: skip
+}
 
 
 class Moment(NamedTuple):
@@ -109,23 +112,43 @@ def page(run: Recorded) -> str:
     hidden = max(0, len(moments) - FIRST_EVENTS - LAST_EVENTS)
     cut = FIRST_EVENTS if hidden else len(moments)
     drawn = list(pictures(run))
-    return _environment().get_template("report.html.j2").render(
-        run=run, scenario=scenario, judged=judged, standing=standing, is_bad=standing in runs.BAD,
-        headline=_headline(run, standing), notes=list(_notes(run)),
-        titles=claim_words.titles(scenario), units=claim_words.UNITS,
-        settled=None if judged is None else verdict.settled(judged),
-        began=run.walls[0] if run.walls else None, in_runs=_in_runs(run.folder),
-        sections=_sections(run, [item.name for item in drawn]), pictures=drawn,
-        first=moments[:cut], hidden=hidden, last=moments[cut + hidden :],
-        window_s=None if judged is None else _window_s(judged),
-        lost_share=_lost_share(judged), most_links=MOST_LINKS, motion=motion_told(judged),
-        in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
-        of_the_paper=of_the_paper(scenario),
-        claims={} if judged is None else claim_words.told(judged),
-        theory=[line.strip() for line in describe(scenario)],
-        changed=_changed(run), robots=_robots(run), toml=dumps(scenario), shown=shown,
-        plan=scenario.plan[:FIRST_EVENTS], more_planned=max(0, len(scenario.plan) - FIRST_EVENTS),
-    )  # fmt: skip
+    return (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            run=run,
+            scenario=scenario,
+            judged=judged,
+            standing=standing,
+            is_bad=standing in runs.BAD,
+            headline=_headline(run, standing),
+            notes=list(_notes(run)),
+            titles=claim_words.titles(scenario),
+            units=claim_words.UNITS,
+            settled=None if judged is None else verdict.settled(judged),
+            began=run.walls[0] if run.walls else None,
+            in_runs=_in_runs(run.folder),
+            sections=_sections(run, [item.name for item in drawn]),
+            pictures=drawn,
+            first=moments[:cut],
+            hidden=hidden,
+            last=moments[cut + hidden :],
+            window_s=None if judged is None else _window_s(judged),
+            lost_share=_lost_share(judged),
+            most_links=MOST_LINKS,
+            motion=motion_told(judged),
+            in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
+            of_the_paper=of_the_paper(scenario),
+            claims={} if judged is None else claim_words.told(judged),
+            theory=[line.strip() for line in describe(scenario)],
+            changed=_changed(run),
+            robots=_robots(run),
+            toml=dumps(scenario),
+            shown=shown,
+            plan=scenario.plan[:FIRST_EVENTS],
+            more_planned=max(0, len(scenario.plan) - FIRST_EVENTS),
+        )
+    )
 
 
 def index(entries: Sequence[runs.Entry]) -> str:
@@ -134,16 +157,23 @@ def index(entries: Sequence[runs.Entry]) -> str:
         (entry, _there(entry.folder, "report.html"), _there(entry.folder, "figures/thumbnail.png"))
         for entry in entries[:MOST_RUNS]
     ]
-    return _environment().get_template("index.html.j2").render(
-        entries=shown_entries, more=max(0, len(entries) - MOST_RUNS), in_words=runs.in_words
-    )  # fmt: skip
+    return (
+        _environment()
+        .get_template("index.html.j2")
+        .render(
+            entries=shown_entries, more=max(0, len(entries) - MOST_RUNS), in_words=runs.in_words
+        )
+    )
 
 
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("formnet.lab.pages"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=PackageLoader("formnet.lab.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters |= {
         "small": lambda value: "–" if value is None else f"{value:.2e}",
         "ms": lambda value: "–" if value is None else f"{round(value * 1e3, 3):.3g}",
@@ -212,8 +242,9 @@ def _failing(judged: Mapping[str, Any], titles: Mapping[str, str]) -> Iterator[s
         else:
             largest, tolerance = claim["largest_in_window"], claim["tolerance"]
             when = "" if name == "lyapunov" else f" in the last {_window_s(judged):g} s"
-            yield (f"{title} does not hold: {largest:.2g} {unit}{when}, "
-                   f"tolerance {tolerance:g} {unit}")  # fmt: skip
+            yield (
+                f"{title} does not hold: {largest:.2g} {unit}{when}, tolerance {tolerance:g} {unit}"
+            )
 
 
 def _notes(run: Recorded) -> Iterator[str]:
@@ -236,8 +267,10 @@ def _notes(run: Recorded) -> Iterator[str]:
     for item in judged["messages"].get("refused", ()):  # not in older runs
         yield f"who has {item['who']}'s certificate was denied {item['key']}"
     if _falling(judged):
-        yield ("What fails was still falling at the end: it may need a longer run "
-               "(--set duration_s=…).")  # fmt: skip
+        yield (
+            "What fails was still falling at the end: it may need a longer run "
+            "(--set duration_s=…)."
+        )
     yield from judged.get("warnings", assess(run.scenario).warnings)  # not in older runs
 
 
@@ -250,9 +283,9 @@ def _falling(judged: Mapping[str, Any]) -> bool:
     """Whether all errors that should have been small were well below their largest at the end."""
     failing = [
         (judged[claim_words.ENDS[name]], claim["largest_in_window"])
-        for name, claim in judged["claims"].items() if claim["expected"] and claim["holds"] is False
-        and name in claim_words.ENDS
-    ]  # fmt: skip
+        for name, claim in judged["claims"].items()
+        if claim["expected"] and claim["holds"] is False and name in claim_words.ENDS
+    ]
     return bool(failing) and all(
         last is not None and largest is not None and last < 0.9 * largest
         for last, largest in failing
@@ -270,8 +303,14 @@ def _moments(run: Recorded) -> Iterator[Moment]:
     if run.outcome is not None:
         who = "" if run.outcome.robot is None else f"robot {run.outcome.robot}: "
         well = run.outcome.kind == "completed"
-        found.append(Moment(run.outcome.t_ns / 1e9, run.outcome.kind,
-                            f"{who}{run.outcome.reason}", "" if well else "bad"))  # fmt: skip
+        found.append(
+            Moment(
+                run.outcome.t_ns / 1e9,
+                run.outcome.kind,
+                f"{who}{run.outcome.reason}",
+                "" if well else "bad",
+            )
+        )
     yield from sorted(found, key=lambda moment: moment.t_s)
 
 
@@ -301,9 +340,10 @@ def _changed(run: Recorded) -> dict[str, Any]:
     """The values of a scenario that are no defaults, without what the page shows elsewhere."""
     elsewhere = ("name", "description", "robots", "timeline", "formation.edges")
     return {
-        place: value for place, value in by_path(run.scenario, changed_only=True).items()
+        place: value
+        for place, value in by_path(run.scenario, changed_only=True).items()
         if not place.startswith(elsewhere)
-    }  # fmt: skip
+    }
 
 
 def _robots(run: Recorded) -> list[dict[str, Any]]:
@@ -311,13 +351,15 @@ def _robots(run: Recorded) -> list[dict[str, Any]]:
     scenario = run.scenario
     return [
         {
-            "id": robot.id, "offset_m": robot.offset_m, "start": robot.start,
+            "id": robot.id,
+            "offset_m": robot.offset_m,
+            "start": robot.start,
             "neighbours": scenario.neighbours_of[robot.id],
             "damping": scenario.vehicles[robot.id].damping,
             "mass_kg": scenario.vehicles[robot.id].mass_kg,
         }
         for robot in scenario.robots
-    ]  # fmt: skip
+    ]
 
 
 def _in_runs(folder: Path) -> bool:

@@ -70,8 +70,9 @@ def _between(
     tick = t_ns // period_ns
     if old is None or new is None:
         return Difference(t_ns, tick, _whose(some), "the whole row", old, new)
-    what = next(name for name, a, b in zip(old._fields, old, new, strict=True)
-                if _bits(a) != _bits(b))  # fmt: skip
+    what = next(
+        name for name, a, b in zip(old._fields, old, new, strict=True) if _bits(a) != _bits(b)
+    )
     return Difference(t_ns, tick, _whose(old), what, getattr(old, what), getattr(new, what))
 
 

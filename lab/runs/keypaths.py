@@ -30,8 +30,11 @@ def _leaves(data: Any, place: str) -> list[tuple[str, Any]]:
         start = f"{place}." if place else ""
         return [leaf for key, value in data.items() for leaf in _leaves(value, f"{start}{key}")]
     if isinstance(data, Sequence) and data and all(isinstance(item, Mapping) for item in data):
-        places = [f"{place}.{item['id']}" if "id" in item else f"{place}[{number}]"
-                  for number, item in enumerate(data)]  # fmt: skip
-        return [leaf for where, item in zip(places, data, strict=True)
-                for leaf in _leaves(item, where)]  # fmt: skip
+        places = [
+            f"{place}.{item['id']}" if "id" in item else f"{place}[{number}]"
+            for number, item in enumerate(data)
+        ]
+        return [
+            leaf for where, item in zip(places, data, strict=True) for leaf in _leaves(item, where)
+        ]
     return [(place, data)]

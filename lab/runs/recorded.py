@@ -24,10 +24,20 @@ _END = {"robot", "reason"}
 """What an outcome's line tells; a robot's loss is an event that tells its tick, too."""
 
 _NEEDED = {
-    "scenario", "mode", "outcome", "robots", "claims", "settling_time_s", "trajectory_sha256",
-    "messages", "simulated_s", "wall_s", "formation_error_m", "heading_error_rad",
+    "scenario",
+    "mode",
+    "outcome",
+    "robots",
+    "claims",
+    "settling_time_s",
+    "trajectory_sha256",
+    "messages",
+    "simulated_s",
+    "wall_s",
+    "formation_error_m",
+    "heading_error_rad",
     "centroid_error_m",
-}  # fmt: skip
+}
 """What every verdict has that is used here."""
 
 
@@ -141,9 +151,11 @@ def event_lines(folder: Path) -> Iterator[dict[str, Any]]:
 def _is_event(found: Any) -> bool:
     return (
         isinstance(found, dict)
-        and isinstance(found.get("t_s"), int | float) and isfinite(found["t_s"])
-        and isinstance(found.get("event"), str) and isinstance(found.get("wall"), str)
-    )  # fmt: skip
+        and isinstance(found.get("t_s"), int | float)
+        and isfinite(found["t_s"])
+        and isinstance(found.get("event"), str)
+        and isinstance(found.get("wall"), str)
+    )
 
 
 def _read_tables(run: Recorded) -> list[str]:

@@ -35,8 +35,11 @@ def extremes_told(details: Mapping[str, Any]) -> dict[str, str]:
 
 
 _UNITS = {
-    "distance_m": "m", "speed_mps": "m/s", "turn_rate_radps": "rad/s", "torque_nm": "N m",
-}  # fmt: skip
+    "distance_m": "m",
+    "speed_mps": "m/s",
+    "turn_rate_radps": "rad/s",
+    "torque_nm": "N m",
+}
 
 
 def _extreme(what: str, details: Mapping[str, Any]) -> tuple[str, str]:

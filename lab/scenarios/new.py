@@ -233,15 +233,28 @@ def _values(wish: Wish, offsets: list[Pair], edges: list[Edge]) -> dict[str, Any
         for robot, offset in enumerate(offsets, start=1)
     ]
     return {
-        "schema": f"./{schema.FILE}", "name": wish.name, "seed": wish.seed, "mode": wish.mode,
-        "robots": robots, "pattern": wish.pattern, "graph": wish.graph, "preset": wish.network,
-        "duration_s": float(10 * ceil(settled_s / 9.0)), "coupling": coupling,
-        "edges": ", ".join(f"[{a}, {b}]" for a, b in edges), "beta": BETA, "bias": EXCITATION_RADPS,
-        "boundary_layer": f"{_digits(200.0 * spread, 1):.0e}", "scale_m": scale_m,
-        "network": network, "mass_kg": MASS_KG, "mass_estimate_kg": MASS_ESTIMATE_KG,
-        "tables": "\n".join(tables), "tolerance_m": tolerance_m,
+        "schema": f"./{schema.FILE}",
+        "name": wish.name,
+        "seed": wish.seed,
+        "mode": wish.mode,
+        "robots": robots,
+        "pattern": wish.pattern,
+        "graph": wish.graph,
+        "preset": wish.network,
+        "duration_s": float(10 * ceil(settled_s / 9.0)),
+        "coupling": coupling,
+        "edges": ", ".join(f"[{a}, {b}]" for a, b in edges),
+        "beta": BETA,
+        "bias": EXCITATION_RADPS,
+        "boundary_layer": f"{_digits(200.0 * spread, 1):.0e}",
+        "scale_m": scale_m,
+        "network": network,
+        "mass_kg": MASS_KG,
+        "mass_estimate_kg": MASS_ESTIMATE_KG,
+        "tables": "\n".join(tables),
+        "tolerance_m": tolerance_m,
         "centroid_tolerance_m": _digits(4.0 * tolerance_m, 2),
-    }  # fmt: skip
+    }
 
 
 def _network(preset: str) -> tuple[float, str]:

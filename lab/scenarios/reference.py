@@ -184,8 +184,13 @@ class _Page:
         if kind == "array":
             inner = self._type(entry["items"])
             return f"pair of {inner}" if entry.get("maxItems") == 2 else f"list of {inner}"
-        words = {"number": "number", "integer": "whole number", "string": "string",
-                 "boolean": "true, false", "object": "table"}  # fmt: skip
+        words = {
+            "number": "number",
+            "integer": "whole number",
+            "string": "string",
+            "boolean": "true, false",
+            "object": "table",
+        }
         return words[kind] + _bounds(entry) if kind else "any"
 
     def _resolved(self, entry: Schema) -> Schema:

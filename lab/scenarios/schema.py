@@ -20,11 +20,20 @@ FILE = "scenario.schema.json"
 """What a copy is called, wherever it lies."""
 
 UNITS = {
-    "bits_per_s": "bit/s", "bytes": "bytes",
-    "_kgm2": "kg m²", "_nmsprad": "N m s/rad", "_nspm": "N s/m",
-    "_radps": "rad/s", "_mps": "m/s", "_rad": "rad", "_kg": "kg", "_nm": "N m", "_n": "N",
-    "_m": "m", "_s": "s",
-}  # fmt: skip
+    "bits_per_s": "bit/s",
+    "bytes": "bytes",
+    "_kgm2": "kg m²",
+    "_nmsprad": "N m s/rad",
+    "_nspm": "N s/m",
+    "_radps": "rad/s",
+    "_mps": "m/s",
+    "_rad": "rad",
+    "_kg": "kg",
+    "_nm": "N m",
+    "_n": "N",
+    "_m": "m",
+    "_s": "s",
+}
 """Units by the ends of keys, longer ones first."""
 
 

@@ -31,17 +31,19 @@ def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) 
     corner = rrb.PlotLegend(corner=rrb.Corner2D.LeftBottom)  # errors fall; new is on the right
     centre = _centre(_known(scenario))
     trail = rrb.VisibleTimeRange(
-        "sim_time", start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
+        "sim_time",
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
         end=rrb.TimeRangeBoundary.cursor_relative(),
-    )  # fmt: skip
+    )
     field = rrb.Spatial2DView(
-        origin="field", name="field (m; colour of a link: age of what was heard)",
+        origin="field",
+        name="field (m; colour of a link: age of what was heard)",
         visual_bounds=rrb.VisualBounds2D(
             x_range=[centre[0] - half_m, centre[0] + half_m],
             y_range=[-centre[1] - half_m, -centre[1] + half_m],
         ),
         overrides={"field/trails": rrb.VisibleTimeRanges(trail)},
-    )  # fmt: skip
+    )
     plots = [("errors", f"{claim_words.errors(scenario)}, powers of ten", corner)]
     if is_defined(scenario):
         plots.append(("lyapunov", "V, powers of ten", corner))
@@ -51,20 +53,26 @@ def blueprint(scenario: Scenario, half_m: float, *, speed: float | None = None) 
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
+            rrb.Vertical(field, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1]),
             rrb.Vertical(
-                field, rrb.TextLogView(origin="events", name="events"), row_shares=[3, 1]
+                *(
+                    rrb.TimeSeriesView(origin=origin, name=name, plot_legend=shown)
+                    for origin, name, shown in plots
+                )
             ),
-            rrb.Vertical(*(
-                rrb.TimeSeriesView(origin=origin, name=name, plot_legend=shown)
-                for origin, name, shown in plots
-            )),
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(timeline="sim_time", state="collapsed", playback_speed=speed,
-                      play_state=None if speed is None else "playing"),
-        rrb.BlueprintPanel(state="hidden"), rrb.SelectionPanel(state="hidden"),
-        auto_layout=False, auto_views=False,
-    )  # fmt: skip
+        rrb.TimePanel(
+            timeline="sim_time",
+            state="collapsed",
+            playback_speed=speed,
+            play_state=None if speed is None else "playing",
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_layout=False,
+        auto_views=False,
+    )
 
 
 def half_width(scenario: Scenario, places: Array = NOWHERE, half_m: float = 0.0) -> float:

@@ -38,10 +38,11 @@ _SCENE_EVERY_NS = 40_000_000
 """How often the graph's edges are drawn anew."""
 _DEBUG, _INFO, _WARNING, _ERROR = 1, 2, 3, 4
 _LEVELS = {
-    "lost": _ERROR, "host lost": _ERROR, "failed": _ERROR, "broken": _ERROR, "diverged": _ERROR,
-    "kill": _WARNING, "rejected": _WARNING, "waiting": _WARNING, "interrupted": _WARNING,
-    "silent at the end": _WARNING, "clock uncertain": _WARNING, "timing": _DEBUG,
-}  # fmt: skip
+    **dict.fromkeys(("lost", "host lost", "failed", "broken", "diverged"), _ERROR),
+    **dict.fromkeys(("kill", "rejected", "waiting", "interrupted"), _WARNING),
+    **dict.fromkeys(("silent at the end", "clock uncertain"), _WARNING),
+    "timing": _DEBUG,
+}
 
 Schema = dict[str, Any]
 
@@ -60,11 +61,15 @@ def write(run: Recorded, stream: IO[bytes]) -> None:
     """Write all that is recorded of ``run``."""
     writer = Writer(stream)
     writer.start(profile="", library="formnet")
-    writer.add_metadata("formnet", {
-        "scenario": run.scenario.name, "seed": str(run.scenario.seed),
-        "sha256": "" if run.verdict is None else str(run.verdict["trajectory_sha256"]),
-        "formnet": str(made_with()["formnet"]),
-    })  # fmt: skip
+    writer.add_metadata(
+        "formnet",
+        {
+            "scenario": run.scenario.name,
+            "seed": str(run.scenario.seed),
+            "sha256": "" if run.verdict is None else str(run.verdict["trajectory_sha256"]),
+            "formnet": str(made_with()["formnet"]),
+        },
+    )
     schemas: dict[str, int] = {}
     channels: dict[str, int] = {}
     counts: dict[str, int] = {}
@@ -78,9 +83,12 @@ def write(run: Recorded, stream: IO[bytes]) -> None:
             )
         counts[message.topic] = counts.get(message.topic, -1) + 1
         writer.add_message(
-            channels[message.topic], message.t_ns, json.dumps(message.data).encode(),
-            message.published_ns, counts[message.topic],
-        )  # fmt: skip
+            channels[message.topic],
+            message.t_ns,
+            json.dumps(message.data).encode(),
+            message.published_ns,
+            counts[message.topic],
+        )
     writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -100,17 +108,26 @@ def _motion(run: Recorded) -> Iterator[Message]:
         rows = run.samples[start : start + robots]
         t_ns = rows[0].t_ns
         placed = [row for row in rows if all(map(math.isfinite, row[2:5]))]
-        yield _message(t_ns, "/tf", "foxglove.FrameTransforms", {
-            "transforms": [_transform(row) for row in placed]
-        })  # fmt: skip
+        yield _message(
+            t_ns,
+            "/tf",
+            "foxglove.FrameTransforms",
+            {"transforms": [_transform(row) for row in placed]},
+        )
         for row in rows:
             data = {name: _number(value) for name, value in row._asdict().items()}
             yield _message(t_ns, f"/robot_{row.robot}/state", "formnet.State", data)
         for row in placed:
-            yield _message(t_ns, f"/robot_{row.robot}/pose", "foxglove.PoseInFrame", {
-                "timestamp": _time(t_ns), "frame_id": _WORLD,
-                "pose": {"position": _place(row), "orientation": _turned(row.heading_rad)},
-            })  # fmt: skip
+            yield _message(
+                t_ns,
+                f"/robot_{row.robot}/pose",
+                "foxglove.PoseInFrame",
+                {
+                    "timestamp": _time(t_ns),
+                    "frame_id": _WORLD,
+                    "pose": {"position": _place(row), "orientation": _turned(row.heading_rad)},
+                },
+            )
         if t_ns - drawn_ns >= _SCENE_EVERY_NS:
             drawn_ns = t_ns
             yield _message(t_ns, "/scene", "foxglove.SceneUpdate", _graph(run, t_ns, placed))
@@ -146,10 +163,19 @@ def _events(run: Recorded) -> Iterator[Message]:
         details = {"robot": run.outcome.robot, "reason": run.outcome.reason}
         found.append((run.outcome.t_ns, run.outcome.kind, details))
     for t_ns, kind, details in sorted(found, key=lambda event: event[0]):
-        yield _message(t_ns, "/events", "foxglove.Log", {
-            "timestamp": _time(t_ns), "level": _LEVELS.get(kind, _INFO), "name": kind,
-            "message": f"{kind} {json.dumps(details, ensure_ascii=False)}", "file": "", "line": 0,
-        })  # fmt: skip
+        yield _message(
+            t_ns,
+            "/events",
+            "foxglove.Log",
+            {
+                "timestamp": _time(t_ns),
+                "level": _LEVELS.get(kind, _INFO),
+                "name": kind,
+                "message": f"{kind} {json.dumps(details, ensure_ascii=False)}",
+                "file": "",
+                "line": 0,
+            },
+        )
 
 
 def _message(t_ns: int, topic: str, schema: str, data: dict[str, Any]) -> Message:
@@ -163,51 +189,87 @@ def _bodies(run: Recorded) -> dict[str, Any]:
     own = colours(len(run.scenario.ids), SCREEN_COLOURS)
     for robot, code in zip(run.scenario.ids, own, strict=True):
         colour = _colour(code)
-        entities.append(_entity(f"robot_{robot}", f"robot_{robot}", 0) | {
-            "frame_locked": True,
-            "cylinders": [{
-                "pose": _pose(0.0, 0.0, 0.25 * size), "color": colour,
-                "size": {"x": 2 * size, "y": 2 * size, "z": 0.5 * size},
-                "bottom_scale": 1.0, "top_scale": 1.0,
-            }],
-            "arrows": [{
-                "pose": _pose(0.0, 0.0, 0.6 * size), "color": colour,
-                "shaft_length": 2 * size, "shaft_diameter": 0.3 * size,
-                "head_length": size, "head_diameter": 0.8 * size,
-            }],
-            "texts": [{
-                "pose": _pose(0.0, 0.0, 1.5 * size), "billboard": True, "font_size": size,
-                "scale_invariant": False, "color": colour, "text": str(robot),
-            }],
-        })  # fmt: skip
+        entities.append(
+            _entity(f"robot_{robot}", f"robot_{robot}", 0)
+            | {
+                "frame_locked": True,
+                "cylinders": [
+                    {
+                        "pose": _pose(0.0, 0.0, 0.25 * size),
+                        "color": colour,
+                        "size": {"x": 2 * size, "y": 2 * size, "z": 0.5 * size},
+                        "bottom_scale": 1.0,
+                        "top_scale": 1.0,
+                    }
+                ],
+                "arrows": [
+                    {
+                        "pose": _pose(0.0, 0.0, 0.6 * size),
+                        "color": colour,
+                        "shaft_length": 2 * size,
+                        "shaft_diameter": 0.3 * size,
+                        "head_length": size,
+                        "head_diameter": 0.8 * size,
+                    }
+                ],
+                "texts": [
+                    {
+                        "pose": _pose(0.0, 0.0, 1.5 * size),
+                        "billboard": True,
+                        "font_size": size,
+                        "scale_invariant": False,
+                        "color": colour,
+                        "text": str(robot),
+                    }
+                ],
+            }
+        )
     return {"deletions": [], "entities": entities}
 
 
 def _graph(run: Recorded, t_ns: int, rows: list[Sample]) -> dict[str, Any]:
     """The edges of the graph between robots where they are."""
     at = {row.robot: _place(row) for row in rows}
-    points = [at[end] for edge in run.scenario.formation.edges if edge[0] in at and edge[1] in at
-              for end in edge]  # fmt: skip
-    lines = {"type": 2, "pose": _pose(0.0, 0.0, 0.0), "thickness": 2.0, "scale_invariant": True,
-             "points": points, "color": _colour("#888888"), "colors": [],
-             "indices": []}  # fmt: skip
+    points = [
+        at[end]
+        for edge in run.scenario.formation.edges
+        if edge[0] in at and edge[1] in at
+        for end in edge
+    ]
+    lines = {
+        "type": 2,
+        "pose": _pose(0.0, 0.0, 0.0),
+        "thickness": 2.0,
+        "scale_invariant": True,
+        "points": points,
+        "color": _colour("#888888"),
+        "colors": [],
+        "indices": [],
+    }
     return {"deletions": [], "entities": [_entity("graph", _WORLD, t_ns) | {"lines": [lines]}]}
 
 
 def _entity(name: str, frame: str, t_ns: int) -> dict[str, Any]:
     kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
     return {
-        "timestamp": _time(t_ns), "frame_id": frame, "id": name, "lifetime": _time(0),
-        "frame_locked": False, "metadata": [], **{kind: [] for kind in kinds},
-    }  # fmt: skip
+        "timestamp": _time(t_ns),
+        "frame_id": frame,
+        "id": name,
+        "lifetime": _time(0),
+        "frame_locked": False,
+        "metadata": [],
+        **{kind: [] for kind in kinds},
+    }
 
 
 def _transform(row: Sample) -> dict[str, Any]:
     return {
-        "timestamp": _time(row.t_ns), "parent_frame_id": _WORLD,
-        "child_frame_id": f"robot_{row.robot}", "translation": _place(row),
+        "timestamp": _time(row.t_ns),
+        "parent_frame_id": _WORLD,
+        "child_frame_id": f"robot_{row.robot}",
+        "translation": _place(row),
         "rotation": _turned(row.heading_rad),
-    }  # fmt: skip
+    }
 
 
 def _delivery(row: LinkRow) -> dict[str, Any]:
@@ -264,37 +326,75 @@ _QUATERNION = _object("foxglove.Quaternion", x=_FLOAT, y=_FLOAT, z=_FLOAT, w=_FL
 _POSE = _object("foxglove.Pose", position=_VECTOR, orientation=_QUATERNION)
 _COLOUR = _object("foxglove.Color", r=_FLOAT, g=_FLOAT, b=_FLOAT, a=_FLOAT)
 _PRIMITIVES = {
-    "arrows": _object(pose=_POSE, shaft_length=_FLOAT, shaft_diameter=_FLOAT, head_length=_FLOAT,
-                      head_diameter=_FLOAT, color=_COLOUR),
-    "cylinders": _object(pose=_POSE, size=_VECTOR, bottom_scale=_FLOAT, top_scale=_FLOAT,
-                         color=_COLOUR),
-    "lines": _object(type=_WHOLE, pose=_POSE, thickness=_FLOAT, scale_invariant=_FLAG,
-                     points=_list(_POINT), color=_COLOUR, colors=_list(_COLOUR),
-                     indices=_list(_WHOLE)),
-    "texts": _object(pose=_POSE, billboard=_FLAG, font_size=_FLOAT, scale_invariant=_FLAG,
-                     color=_COLOUR, text=_TEXT),
-}  # fmt: skip
+    "arrows": _object(
+        pose=_POSE,
+        shaft_length=_FLOAT,
+        shaft_diameter=_FLOAT,
+        head_length=_FLOAT,
+        head_diameter=_FLOAT,
+        color=_COLOUR,
+    ),
+    "cylinders": _object(
+        pose=_POSE, size=_VECTOR, bottom_scale=_FLOAT, top_scale=_FLOAT, color=_COLOUR
+    ),
+    "lines": _object(
+        type=_WHOLE,
+        pose=_POSE,
+        thickness=_FLOAT,
+        scale_invariant=_FLAG,
+        points=_list(_POINT),
+        color=_COLOUR,
+        colors=_list(_COLOUR),
+        indices=_list(_WHOLE),
+    ),
+    "texts": _object(
+        pose=_POSE,
+        billboard=_FLAG,
+        font_size=_FLOAT,
+        scale_invariant=_FLAG,
+        color=_COLOUR,
+        text=_TEXT,
+    ),
+}
 _ENTITY = _object(
-    timestamp=_TIME, frame_id=_TEXT, id=_TEXT, lifetime=_DURATION, frame_locked=_FLAG,
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    id=_TEXT,
+    lifetime=_DURATION,
+    frame_locked=_FLAG,
     metadata=_list(_object(key=_TEXT, value=_TEXT)),
     **{name: _list(kind) for name, kind in _PRIMITIVES.items()},
     **{name: _list(_object()) for name in ("cubes", "spheres", "triangles", "models")},
-)  # fmt: skip
+)
 _DELETION = _object(timestamp=_TIME, type=_WHOLE, id=_TEXT)
-_TRANSFORM = _object(timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT,
-                     translation=_VECTOR, rotation=_QUATERNION)  # fmt: skip
+_TRANSFORM = _object(
+    timestamp=_TIME,
+    parent_frame_id=_TEXT,
+    child_frame_id=_TEXT,
+    translation=_VECTOR,
+    rotation=_QUATERNION,
+)
 
 SCHEMAS: dict[str, Schema] = {
     "foxglove.FrameTransforms": _object(transforms=_list(_TRANSFORM)),
     "foxglove.SceneUpdate": _object(deletions=_list(_DELETION), entities=_list(_ENTITY)),
     "foxglove.PoseInFrame": _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE),
-    "foxglove.Log": _object(timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT,
-                            line=_WHOLE),
-    "formnet.State": _object(t_ns=_WHOLE, robot=_WHOLE,
-                             **dict.fromkeys(Sample._fields[2:], _FLOAT)),
+    "foxglove.Log": _object(
+        timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT, line=_WHOLE
+    ),
+    "formnet.State": _object(
+        t_ns=_WHOLE, robot=_WHOLE, **dict.fromkeys(Sample._fields[2:], _FLOAT)
+    ),
     "formnet.Errors": _object(formation_m=_FLOAT, heading_rad=_FLOAT, centroid_m=_FLOAT),
     "formnet.Lyapunov": _object(v=_FLOAT),
-    "formnet.Delivery": _object(t_sent_ns=_WHOLE, t_usable_ns=_WHOLE, source=_WHOLE,
-                                destination=_WHOLE, sequence=_WHOLE, fate=_TEXT, delay_s=_FLOAT),
-}  # fmt: skip
+    "formnet.Delivery": _object(
+        t_sent_ns=_WHOLE,
+        t_usable_ns=_WHOLE,
+        source=_WHOLE,
+        destination=_WHOLE,
+        sequence=_WHOLE,
+        fate=_TEXT,
+        delay_s=_FLOAT,
+    ),
+}
 """What is in the messages, as far as it is used, by the names that Foxglove knows."""

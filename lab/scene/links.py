@@ -71,9 +71,13 @@ class Links:
         parts = np.where(cut, DASHES, np.where(self._bows != 0.0, BENDS, 1))  # (frames, links)
         bows, gaps = (np.broadcast_to(x, parts.shape).reshape(-1) for x in (self._bows, cut))
         strips = line_strips(lines.reshape(-1, 2, 2), bows, parts.reshape(-1), gaps)
-        self._stream.send_columns("field/links", times(t_ns), rr.LineStrips2D.columns(
-            strips=strips, colors=np.repeat(colours.reshape(-1), parts.reshape(-1))
-        ).partition(parts.sum(axis=1)))  # fmt: skip
+        self._stream.send_columns(
+            "field/links",
+            times(t_ns),
+            rr.LineStrips2D.columns(
+                strips=strips, colors=np.repeat(colours.reshape(-1), parts.reshape(-1))
+            ).partition(parts.sum(axis=1)),
+        )
 
 
 class _Heard:

@@ -89,8 +89,9 @@ class Scene:
                 self._roster.lose(record.details["robot"], record.details["tick"])
             self._say(record.t_ns, wall_ns, record.kind, record.details)
         elif isinstance(record, Outcome):
-            self._say(record.t_ns, wall_ns, record.kind,
-                      {"robot": record.robot, "reason": record.reason})  # fmt: skip
+            self._say(
+                record.t_ns, wall_ns, record.kind, {"robot": record.robot, "reason": record.reason}
+            )
 
     @property
     def pending(self) -> int:
@@ -125,19 +126,39 @@ class Scene:
         size = self._size
         stream.send_blueprint(blueprint(scenario, self._half))
         stream.log("field/robots", rr.Points2D.from_fields(radii=[0.018 * size]), static=True)
-        stream.log("field/names", rr.Points2D.from_fields(
-            radii=[0.0], labels=list(map(str, scenario.ids)), show_labels=True,
-            colors=rgba(len(scenario.ids)),
-        ), static=True)  # fmt: skip
+        stream.log(
+            "field/names",
+            rr.Points2D.from_fields(
+                radii=[0.0],
+                labels=list(map(str, scenario.ids)),
+                show_labels=True,
+                colors=rgba(len(scenario.ids)),
+            ),
+            static=True,
+        )
         stream.log("field/headings", rr.Arrows2D.from_fields(radii=[0.004 * size]), static=True)
-        stream.log("field/pattern", rr.LineStrips2D.from_fields(
-            radii=[0.004 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
-        stream.log("field/places", rr.Points2D.from_fields(
-            radii=[0.009 * size], colors=[0xC4C4C4FF]), static=True)  # fmt: skip
+        stream.log(
+            "field/pattern",
+            rr.LineStrips2D.from_fields(radii=[0.004 * size], colors=[0xC4C4C4FF]),
+            static=True,
+        )
+        stream.log(
+            "field/places",
+            rr.Points2D.from_fields(radii=[0.009 * size], colors=[0xC4C4C4FF]),
+            static=True,
+        )
         bar, length = scale_bar(scenario, self._half)
-        stream.log("field/scale", rr.LineStrips2D(
-            [bar], radii=[0.003 * size], colors=[GREY], labels=[f"{length:g} m"], show_labels=True,
-        ), static=True)  # fmt: skip
+        stream.log(
+            "field/scale",
+            rr.LineStrips2D(
+                [bar],
+                radii=[0.003 * size],
+                colors=[GREY],
+                labels=[f"{length:g} m"],
+                show_labels=True,
+            ),
+            static=True,
+        )
         for name, colour in zip(CLAIMS, rgba(len(CLAIMS)), strict=True):
             line = rr.SeriesLines(names=[f"log10 {name} ({UNITS[name]})"], colors=[int(colour)])
             stream.log(f"errors/{name}", line, static=True)
@@ -149,9 +170,11 @@ class Scene:
         self._anchors = self._anchors[-5000:]
         return [
             rr.TimeColumn("sim_time", duration=np.asarray(t_ns).astype("timedelta64[ns]")),
-            rr.TimeColumn("wall_time", timestamp=(
-                (wall.astype(np.int64) + anchors[0, 1]).astype("datetime64[ns]"))),
-        ]  # fmt: skip
+            rr.TimeColumn(
+                "wall_time",
+                timestamp=((wall.astype(np.int64) + anchors[0, 1]).astype("datetime64[ns]")),
+            ),
+        ]
 
     def _series(self, entity: str, t_ns: Array, values: Array) -> None:
         self._stream.send_columns(entity, self._times(t_ns), rr.Scalars.columns(scalars=values))
@@ -171,22 +194,40 @@ class Scene:
         colours = np.where(up, rgba(len(self._scenario.ids)), GREY).astype(np.uint32)
         count = len(self._scenario.ids)
         times, send, sizes = self._times(t_ns), self._stream.send_columns, [count] * len(t_ns)
-        send("field/robots", times, rr.Points2D.columns(
-            positions=drawn.reshape(-1, 2), colors=colours.reshape(-1),
-        ).partition(sizes))  # fmt: skip
+        send(
+            "field/robots",
+            times,
+            rr.Points2D.columns(
+                positions=drawn.reshape(-1, 2),
+                colors=colours.reshape(-1),
+            ).partition(sizes),
+        )
         if count <= _MOST_LABELS:
-            send("field/names", times, rr.Points2D.columns(
-                positions=(drawn + self._size * _aside(drawn)).reshape(-1, 2),
-            ).partition(sizes))  # fmt: skip
+            send(
+                "field/names",
+                times,
+                rr.Points2D.columns(
+                    positions=(drawn + self._size * _aside(drawn)).reshape(-1, 2),
+                ).partition(sizes),
+            )
         vectors = np.stack([np.cos(headings), -np.sin(headings)], axis=-1) * 0.05 * self._size
-        send("field/headings", times, rr.Arrows2D.columns(
-            origins=drawn.reshape(-1, 2), vectors=vectors.reshape(-1, 2),
-            colors=colours.reshape(-1)).partition(sizes))  # fmt: skip
+        send(
+            "field/headings",
+            times,
+            rr.Arrows2D.columns(
+                origins=drawn.reshape(-1, 2),
+                vectors=vectors.reshape(-1, 2),
+                colors=colours.reshape(-1),
+            ).partition(sizes),
+        )
         before = np.concatenate([drawn[:1] if self._before is None else self._before, drawn[:-1]])
         self._before = drawn[-1:]
         steps = np.stack([before, drawn], axis=2).reshape(-1, 2, 2)
-        send("field/trails", times, rr.LineStrips2D.columns(
-            strips=steps, colors=colours.reshape(-1)).partition(sizes))  # fmt: skip
+        send(
+            "field/trails",
+            times,
+            rr.LineStrips2D.columns(strips=steps, colors=colours.reshape(-1)).partition(sizes),
+        )
         self._draw_errors(t_ns, places, headings, up)
         self._links.place(t_ns, drawn)
 
@@ -215,9 +256,13 @@ class Scene:
         if known.any():
             drawn = (pattern * [1.0, -1.0])[known]
             times, send = self._times(t_ns[known]), self._stream.send_columns
-            send("field/places", times, rr.Points2D.columns(
-                positions=drawn.reshape(-1, 2),
-            ).partition([len(offsets)] * len(drawn)))  # fmt: skip
+            send(
+                "field/places",
+                times,
+                rr.Points2D.columns(
+                    positions=drawn.reshape(-1, 2),
+                ).partition([len(offsets)] * len(drawn)),
+            )
             if len(self._edges):
                 send("field/pattern", times, self._edges_between(drawn))
 
@@ -239,15 +284,26 @@ class Scene:
         stream = self._stream
         stream.set_time("sim_time", duration=np.timedelta64(t_ns, "ns"))
         stream.set_time("wall_time", timestamp=np.datetime64(wall_ns, "ns"))
-        stream.log("events", rr.TextLog(f"{kind}: {words}" if words else kind,
-                                        level=_LEVELS.get(kind, "INFO")))  # fmt: skip
+        stream.log(
+            "events",
+            rr.TextLog(f"{kind}: {words}" if words else kind, level=_LEVELS.get(kind, "INFO")),
+        )
 
 
 _LEVELS = {
-    "kill": "WARN", "pause": "WARN", "waiting": "WARN", "rejected": "WARN", "refused": "WARN",
-    "lost": "ERROR", "host lost": "ERROR", "diverged": "ERROR", "failed": "ERROR",
-    "broken": "ERROR", "interrupted": "WARN", "silent at the end": "WARN",
-}  # fmt: skip
+    "kill": "WARN",
+    "pause": "WARN",
+    "waiting": "WARN",
+    "rejected": "WARN",
+    "refused": "WARN",
+    "lost": "ERROR",
+    "host lost": "ERROR",
+    "diverged": "ERROR",
+    "failed": "ERROR",
+    "broken": "ERROR",
+    "interrupted": "WARN",
+    "silent at the end": "WARN",
+}
 
 
 def _aside(places: Array) -> Array:

@@ -49,10 +49,14 @@ class Traffic:
     def _draw(self, link: tuple[int, int], rows: Sequence[LinkRow], times: Times) -> None:
         window = np.array([_decided_ns(row) for row in rows]) // self._window_ns
         lost = np.array([row.fate.startswith("lost") for row in rows])
-        delay_ms = np.array([
-            np.nan if row.t_usable_ns is None or row.fate.startswith("lost")
-            else (row.t_usable_ns - row.t_sent_ns) / 1e6 for row in rows
-        ])  # fmt: skip
+        delay_ms = np.array(
+            [
+                np.nan
+                if row.t_usable_ns is None or row.fate.startswith("lost")
+                else (row.t_usable_ns - row.t_sent_ns) / 1e6
+                for row in rows
+            ]
+        )
         first = min(self._next.get(link, window.min()), window.min())
         count = window.max() - first + 1
         self._next[link] = first + count

@@ -39,9 +39,11 @@ class Viewer:
             self.page = f"http://{LOOPBACK}:{web_port}/?url={quote(self.url, safe='')}"
         self.process = subprocess.Popen(
             [binary(), *options, *map(str, files)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             start_new_session=True,  # a window stays when the run is over
-        )  # fmt: skip
+        )
         try:
             for awaited in [port, web_port] if web else [port]:
                 self._wait_for(awaited)

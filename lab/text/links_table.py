@@ -21,18 +21,28 @@ def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: s
         title += f" (the first {MOST_LINKS} of {len(links)}; {where_all_are})"
     width = output().width
     columns = [
-        Column("link"), Column("sent", 3), Column("arrived", 9), Column("lost", wraps=True),
-        *(Column(*item) for item in _DELAYS.items()), Column("jitter", 10), Column("silence", 5),
-    ]  # fmt: skip
+        Column("link"),
+        Column("sent", 3),
+        Column("arrived", 9),
+        Column("lost", wraps=True),
+        *(Column(*item) for item in _DELAYS.items()),
+        Column("jitter", 10),
+        Column("silence", 5),
+    ]
     rows = []
     for name, link in links[:MOST_LINKS]:
         delay = link["delay_s"] or {}
-        rows.append([
-            escape(name), str(link["sent"]), str(link["delivered"]),
-            _lost(link) if width >= WIDE else _share_lost(link),
-            *(_number(delay[key] * 1e3) if delay else "-" for key in _DELAYS),
-            _number(link["jitter_s"] * 1e3), _number(link["longest_silence_s"]),
-        ])  # fmt: skip
+        rows.append(
+            [
+                escape(name),
+                str(link["sent"]),
+                str(link["delivered"]),
+                _lost(link) if width >= WIDE else _share_lost(link),
+                *(_number(delay[key] * 1e3) if delay else "-" for key in _DELAYS),
+                _number(link["jitter_s"] * 1e3),
+                _number(link["longest_silence_s"]),
+            ]
+        )
     made = table(title, columns, rows, where_all_are, width)
     if in_flight := sum(link["in_flight"] for _, link in links):
         said = f"messages still on their way at the end: {in_flight}"

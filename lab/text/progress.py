@@ -41,9 +41,9 @@ class Waits:
         if self._times & (self._times - 1) == 0:
             self._console.print(
                 f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for "
-                f"{named(record.details['robots'])} to "
-                + escape(record.details["for"]), soft_wrap=True,
-            )  # fmt: skip
+                f"{named(record.details['robots'])} to " + escape(record.details["for"]),
+                soft_wrap=True,
+            )
 
 
 class Watch:
@@ -100,14 +100,15 @@ class Watch:
             elif record.kind == "host lost":
                 self._console.print(
                     f"[red]host lost:[/] {record.details['host']}, with "
-                    f"{named(record.details['robots'])}: "
-                    + escape(record.details["reason"]), soft_wrap=True,
-                )  # fmt: skip
+                    f"{named(record.details['robots'])}: " + escape(record.details["reason"]),
+                    soft_wrap=True,
+                )
             elif record.kind == "silent at the end":
                 self._console.print(
                     f"[yellow]silent at the end:[/] {named(record.details['robots'])}: what became "
-                    "of messages since the last report is not known", soft_wrap=True,
-                )  # fmt: skip
+                    "of messages since the last report is not known",
+                    soft_wrap=True,
+                )
             self._waits.take(record)
 
     def refresh(self) -> None:

@@ -19,18 +19,27 @@ def claims_table(judged: dict[str, Any], scenario: Scenario) -> Table:
     words = {True: "yes", False: "no", None: "-"}
     titles = claim_words.titles(scenario)
     columns = [
-        Column("claim", left=True), Column("expected", 3), Column("observed", 4),
-        Column("largest at end", 1), Column("tolerance", 2), Column("verdict"),
-    ]  # fmt: skip
+        Column("claim", left=True),
+        Column("expected", 3),
+        Column("observed", 4),
+        Column("largest at end", 1),
+        Column("tolerance", 2),
+        Column("verdict"),
+    ]
     rows = []
     for claim, entry in claim_words.told(judged).items():
         unit = claim_words.UNITS[claim]
         largest = entry["largest_in_window"]
-        rows.append([
-            titles[claim], words[entry["expected"]], words[entry["observed"]],
-            "-" if largest is None else f"{largest:.2e} {unit}", f"{entry['tolerance']:g} {unit}",
-            "[dim]not claimed[/]" if entry["expected"] is None else marks[entry["holds"]],
-        ])  # fmt: skip
+        rows.append(
+            [
+                titles[claim],
+                words[entry["expected"]],
+                words[entry["observed"]],
+                "-" if largest is None else f"{largest:.2e} {unit}",
+                f"{entry['tolerance']:g} {unit}",
+                "[dim]not claimed[/]" if entry["expected"] is None else marks[entry["holds"]],
+            ]
+        )
     why = f": {escape(judged['why'])}" if of_the_paper(scenario) else ""
     title = f"{judged['scenario']}{why}"
     made = table(title, columns, rows, "verdict.json has all", output().width)
@@ -43,9 +52,13 @@ def claims_table(judged: dict[str, Any], scenario: Scenario) -> Table:
 def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
     """How well a run in real time kept its time, by process."""
     columns = [
-        Column(""), Column("missed periods"), Column("woke late", 3), Column("sense→drive", 1),
-        Column("transit", 4), Column("clock", 2),
-    ]  # fmt: skip
+        Column(""),
+        Column("missed periods"),
+        Column("woke late", 3),
+        Column("sense→drive", 1),
+        Column("transit", 4),
+        Column("clock", 2),
+    ]
 
     def spread(found: dict[str, float] | None) -> str:
         return "-" if found is None else f"{1e3 * found['p50']:.2f} {1e3 * found['p99']:.2f}"
@@ -54,11 +67,16 @@ def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
     for robot, own in timing["robots"].items():
         bound_s = own["clock_uncertainty_s"]
         known = f"±{1e3 * bound_s:.2f}"
-        rows.append([
-            f"robot {robot}", f"{own['missed']} of {own['periods']}", spread(own["woke_late_s"]),
-            spread(own["sense_to_drive_s"]), spread(own["transit_s"]),
-            known if bound_s <= sync_bound_s else f"[red]{known}[/]",
-        ])  # fmt: skip
+        rows.append(
+            [
+                f"robot {robot}",
+                f"{own['missed']} of {own['periods']}",
+                spread(own["woke_late_s"]),
+                spread(own["sense_to_drive_s"]),
+                spread(own["transit_s"]),
+                known if bound_s <= sync_bound_s else f"[red]{known}[/]",
+            ]
+        )
     where = "verdict.json has all"
     return table(f"real time (p50, p99 in ms; {where})", columns, rows, where, output().width)
 
@@ -72,8 +90,9 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
         who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
         console.print(
             f"[red]{outcome['kind']}[/] at t = {outcome['t_s']:.3f} s:{who} "
-            + escape(outcome["reason"]), soft_wrap=True,
-        )  # fmt: skip
+            + escape(outcome["reason"]),
+            soft_wrap=True,
+        )
     if outcome["kind"] == "diverged":
         for warning in judged["warnings"]:
             console.print(f"[yellow]it was warned:[/] {escape(warning)}", soft_wrap=True)
@@ -83,8 +102,9 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
     for lost in robots["lost"]:
         console.print(
             f"[red]lost[/] at t = {lost['t_s']:.3f} s: robot {lost['robot']}: "
-            + escape(lost["reason"]), soft_wrap=True,
-        )  # fmt: skip
+            + escape(lost["reason"]),
+            soft_wrap=True,
+        )
     if not robots["judged"]:
         console.print("nobody is judged: every robot was down at the end")
     elif robots["down_at_the_end"]:
@@ -97,8 +117,9 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
     for item in judged["messages"]["refused"]:
         console.print(
             f"[yellow]refused:[/] who has {item['who']}'s certificate was denied "
-            f"{escape(item['key'])}, {item['times']} × or more", soft_wrap=True,
-        )  # fmt: skip
+            f"{escape(item['key'])}, {item['times']} × or more",
+            soft_wrap=True,
+        )
     if judged["realtime"] is not None:
         console.print(timing_table(judged["realtime"], scenario.clock.sync_bound_s))
     factor = judged["realtime_factor"] or 0.0

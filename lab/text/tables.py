@@ -30,9 +30,12 @@ def output() -> Console:
 
 
 def table(
-    title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], where_all_is: str,
+    title: str,
+    columns: Sequence[Column],
+    rows: Sequence[Sequence[str]],
+    where_all_is: str,
     width: int,
-) -> Table:  # fmt: skip
+) -> Table:
     """``rows`` of cells (markup) with as many of the ``columns`` as ``width`` characters take.
 
     No word is cut: a column that finds no room is left out, and the caption says so. Of rank 0
@@ -48,12 +51,21 @@ def table(
         if columns[last].rank == 0:
             break
         shown.remove(last)
-    made = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0),
-                 caption_justify="left")  # fmt: skip
+    made = Table(
+        title=title,
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        caption_justify="left",
+    )
     for k in shown:
         column = columns[k]
-        made.add_column(column.head, justify="left" if column.left else "right",
-                        no_wrap=not column.wraps, overflow="fold")  # fmt: skip
+        made.add_column(
+            column.head,
+            justify="left" if column.left else "right",
+            no_wrap=not column.wraps,
+            overflow="fold",
+        )
     for row in rows:
         made.add_row(*(row[k] for k in shown))
     if len(shown) < len(columns):

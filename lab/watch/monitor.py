@@ -128,9 +128,12 @@ def feed(source: Source) -> Iterator[Feed]:
     """
     credentials = None if source.keys is None else Credentials(source.keys, MONITOR)
     with bus.session(
-        connect=source.endpoint, credentials=credentials, plaintext=source.plaintext,
-        batching=True, patience_s=_SEARCH_S,
-    ) as session:  # fmt: skip
+        connect=source.endpoint,
+        credentials=credentials,
+        plaintext=source.plaintext,
+        batching=True,
+        patience_s=_SEARCH_S,
+    ) as session:
         yield Feed(session, source.run or _only_run(session, source.endpoint))
 
 
@@ -140,8 +143,9 @@ def _only_run(session: zenoh.Session, endpoint: str) -> str:
         replies = session.liveliness().get(bus.Keys("*").plant_alive, timeout=1.0)
         found = sorted({str(r.ok.key_expr).split("/")[1] for r in replies if r.ok is not None})
         if len(found) > 1:
-            raise NoRun(f"{endpoint}: several runs go on here; say which with --run: "
-                        + ", ".join(found))  # fmt: skip
+            raise NoRun(
+                f"{endpoint}: several runs go on here; say which with --run: " + ", ".join(found)
+            )
         if found:
             return found[0]
         time.sleep(_DRAW_S)

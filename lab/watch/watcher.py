@@ -36,9 +36,11 @@ class Watcher:
         with (self._folder / "logs" / "monitor.log").open("wb") as log:
             self._child = LocalChild(
                 [sys.executable, "-m", "formnet", "monitor", *options],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
                 start_new_session=True,
-            )  # fmt: skip
+            )
         threading.Thread(target=self._read, args=(self._child,), daemon=True).start()
         try:
             said = self._lines.get(timeout=_START_S)

@@ -158,10 +158,12 @@ class Link:
         if draws is None:
             draws = self._kinds[kind] = _Draws(
                 [(stage, self._stream(stage.name, kind)) for stage in self._originals],
-                [(stage, self._stream(f"{stage.name} of duplicates", kind))
-                 for stage in self._twins],
+                [
+                    (stage, self._stream(f"{stage.name} of duplicates", kind))
+                    for stage in self._twins
+                ],
                 self._stream("duplicate", kind),
-            )  # fmt: skip
+            )
         return draws
 
     def _stream(self, name: str, kind: str) -> Random:

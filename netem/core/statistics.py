@@ -111,9 +111,13 @@ class Tally:
         p50, p95, p99 = map(float, quantiles)
         mean = self._sum_ns / delivered / 1e9
         return {
-            "min": self._least_ns / 1e9, "mean": mean, "p50": p50, "p95": p95, "p99": p99,
+            "min": self._least_ns / 1e9,
+            "mean": mean,
+            "p50": p50,
+            "p95": p95,
+            "p99": p99,
             "max": self._greatest_ns / 1e9,
-        }  # fmt: skip
+        }
 
 
 def summarise(fates: Iterable[Fate], end_ns: int) -> LinkStatistics:

@@ -14,10 +14,21 @@ LOST_LATE = "lost: late"
 LOST_CUT = "lost: cut"
 LOST_DOWN = "lost: receiver down"
 IN_FLIGHT = "in flight"
-FATES = frozenset({
-    DELIVERED, DUPLICATED, CORRUPTED, LOST_RANDOM, LOST_BURST, LOST_TRACE, LOST_QUEUE, LOST_LATE,
-    LOST_CUT, LOST_DOWN, IN_FLIGHT,
-})  # fmt: skip
+FATES = frozenset(
+    {
+        DELIVERED,
+        DUPLICATED,
+        CORRUPTED,
+        LOST_RANDOM,
+        LOST_BURST,
+        LOST_TRACE,
+        LOST_QUEUE,
+        LOST_LATE,
+        LOST_CUT,
+        LOST_DOWN,
+        IN_FLIGHT,
+    }
+)
 """All that can become of a copy."""
 
 

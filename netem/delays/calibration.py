@@ -164,9 +164,8 @@ class Staircase:
         """By how much the correlation at ``high`` is less than at ``low``, by Gauss-Legendre."""
         half, middle = (high - low) / 2.0, (high + low) / 2.0
         return half * math.fsum(
-            w * self._density(middle + half * x)
-            for x, w in zip(_ABSCISSAE, _WEIGHTS, strict=True)
-        )  # fmt: skip
+            w * self._density(middle + half * x) for x, w in zip(_ABSCISSAE, _WEIGHTS, strict=True)
+        )
 
     def _density(self, angle: float) -> float:
         square = math.sin(angle) ** 2

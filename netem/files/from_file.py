@@ -86,10 +86,14 @@ class FromFile(Table):
             cell = _cell(item)
             if cell is None:
                 whole = isinstance(item["input"], Mapping)
-                rest.append({
-                    "type": item["type"], "loc": item["loc"], "ctx": item.get("ctx", {}),
-                    "input": data if whole else item["input"],
-                })  # fmt: skip
+                rest.append(
+                    {
+                        "type": item["type"],
+                        "loc": item["loc"],
+                        "ctx": item.get("ctx", {}),
+                        "input": data if whole else item["input"],
+                    }
+                )
             else:
                 column = cls.COLUMNS.index(cell.key)
                 place = found.place(cell.row, column)

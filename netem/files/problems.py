@@ -86,9 +86,16 @@ def _problem(model: type[BaseModel], data: Any, loc: Place, kind: str, item: Any
 
 
 _UNITS = {
-    "_s": "seconds", "_m": "metres", "_rad": "radians", "_radps": "radians a second",
-    "_mps": "metres a second", "_kg": "kilograms", "_kgm2": "kg m²", "_nm": "N m", "_n": "newtons",
-}  # fmt: skip
+    "_s": "seconds",
+    "_m": "metres",
+    "_rad": "radians",
+    "_radps": "radians a second",
+    "_mps": "metres a second",
+    "_kg": "kilograms",
+    "_kgm2": "kg m²",
+    "_nm": "N m",
+    "_n": "newtons",
+}
 
 
 def _unit(place: str) -> str:

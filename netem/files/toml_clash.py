@@ -234,10 +234,15 @@ class _Scanner:
         return bisect_left(self._ends, self._at + 1) + 1
 
     def _clash(self, key: Key, earlier: Key, node: _Node, begin: int | None = None) -> None:
-        raise _Found(Clash(
-            _written(key), self._begin if begin is None else begin, self._line(),
-            _written(earlier), node.line,
-        ))  # fmt: skip
+        raise _Found(
+            Clash(
+                _written(key),
+                self._begin if begin is None else begin,
+                self._line(),
+                _written(earlier),
+                node.line,
+            )
+        )
 
 
 def _unquoted(part: str) -> str:

@@ -269,9 +269,11 @@ class TraceDelaySettings(FromFile):
         for row, (before, after) in enumerate(pairwise(times_ns), start=1):
             if before >= after:
                 raise RowError(
-                    "times_s", row, self.times_s[row],
+                    "times_s",
+                    row,
+                    self.times_s[row],
                     f"must be at least 1 ns after the time before it, {self.times_s[row - 1]}",
-                )  # fmt: skip
+                )
         if period_ns <= times_ns[-1]:
             last_s = self.times_s[-1] - self.times_s[0]
             raise ValueError(

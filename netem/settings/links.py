@@ -264,8 +264,9 @@ class LinkSettings(_Preset):
         alone = {"delay": {"required": ["distribution"]}, "loss": dict(keys["loss"])}
         for key, part in (("delay", DelayPart), ("loss", LossPart)):  # what changes a preset
             keys[key]["anyOf"] = [
-                {"anyOf": keys[key].pop("anyOf")}, handler(part.__pydantic_core_schema__),
-            ]  # fmt: skip
+                {"anyOf": keys[key].pop("anyOf")},
+                handler(part.__pydantic_core_schema__),
+            ]
         return schema | {"if": {"required": ["preset"]}, "else": {"properties": alone}}
 
     @field_validator("loss", mode="before")
@@ -373,10 +374,17 @@ class LinkSettings(_Preset):
 
 
 _TABLE_OF = {
-    "loss": "loss", "corrupt": "corrupt", "queue": "queue", "reorder": "reorder",
-    "delay": "delay", "rate": "rate", "slots": "slots", "order": "keep_order",
-    "queue exit": "queue", "playout": "playout_s",
-}  # fmt: skip
+    "loss": "loss",
+    "corrupt": "corrupt",
+    "queue": "queue",
+    "reorder": "reorder",
+    "delay": "delay",
+    "rate": "rate",
+    "slots": "slots",
+    "order": "keep_order",
+    "queue exit": "queue",
+    "playout": "playout_s",
+}
 """The key from which each impairment is made."""
 
 

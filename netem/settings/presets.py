@@ -36,8 +36,7 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
         "duplicate": {"probability": 0.0},
         "corrupt": {"probability": 0.0},
         "reorder": {"probability": 0.0, "gap": 1},
-        "rate": {"bits_per_s": 0, "overhead_bytes": 0, "cell_bytes": 0,
-                 "cell_overhead_bytes": 0},
+        "rate": {"bits_per_s": 0, "overhead_bytes": 0, "cell_bytes": 0, "cell_overhead_bytes": 0},
         "queue": {"messages": 0, "bytes": 0},
         "slots": {"min_s": 0.0, "max_s": 0.0, "messages": 0, "bytes": 0},
         "keep_order": False,
@@ -48,14 +47,24 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
         "rate": {"bits_per_s": 1_000_000_000, "overhead_bytes": 38},
     },
     "wifi": {
-        "delay": {"distribution": "lognormal", "offset_s": 0.001, "mean_s": 0.002,
-                  "stddev_s": 0.002, "correlation": 0.25},
+        "delay": {
+            "distribution": "lognormal",
+            "offset_s": 0.001,
+            "mean_s": 0.002,
+            "stddev_s": 0.002,
+            "correlation": 0.25,
+        },
         "loss": {"model": "gilbert_elliott", "p": 0.002, "r": 0.5},
         "keep_order": True,
     },
     "wifi-congested": {
-        "delay": {"distribution": "lognormal", "offset_s": 0.002, "mean_s": 0.03,
-                  "stddev_s": 0.03, "correlation": 0.5},
+        "delay": {
+            "distribution": "lognormal",
+            "offset_s": 0.002,
+            "mean_s": 0.03,
+            "stddev_s": 0.03,
+            "correlation": 0.5,
+        },
         "loss": {"model": "gilbert_elliott", "p": 0.02, "r": 0.25, "loss_in_bad": 0.8},
         "rate": {"bits_per_s": 5_000_000},
         "queue": {"messages": 200},
@@ -67,8 +76,7 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
         "keep_order": True,
     },
     "satellite": {
-        "delay": {"distribution": "gamma", "offset_s": 0.2387, "mean_s": 0.02,
-                  "stddev_s": 0.005},
+        "delay": {"distribution": "gamma", "offset_s": 0.2387, "mean_s": 0.02, "stddev_s": 0.005},
         "loss": {"model": "random", "probability": 0.001},
         "rate": {"bits_per_s": 10_000_000},
         "keep_order": True,
@@ -78,4 +86,4 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
         "loss": {"model": "random", "probability": 0.0014},
         "rate": {"bits_per_s": 60_000_000},
     },
-}  # fmt: skip
+}

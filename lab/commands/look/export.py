@@ -54,8 +54,9 @@ def export_run(folder: Path, kind: str, out: Path | None) -> int:
         report_problems(console, error)
         return BAD_INPUT
     except ImportError:
-        console.print(f"MCAP needs the package mcap: {install('export')}", markup=False,
-                      soft_wrap=True)  # fmt: skip
+        console.print(
+            f"MCAP needs the package mcap: {install('export')}", markup=False, soft_wrap=True
+        )
         return BAD_INPUT
     except Unreadable as error:
         console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
@@ -121,5 +122,6 @@ def write_mcap(run: Recorded, file: Path) -> None:
 
 
 _FORMATS: dict[str, tuple[Callable[[Recorded, Path], None], str]] = {
-    "csv": (write_csv, "csv"), "mcap": (write_mcap, "run.mcap"),
-}  # fmt: skip
+    "csv": (write_csv, "csv"),
+    "mcap": (write_mcap, "run.mcap"),
+}

@@ -34,12 +34,17 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
     """Print what lies in ``folder`` and make its index page; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     if not folder.is_dir():
-        console.print(f"[red]{escape(str(folder))}:[/] is no folder; formnet run makes runs/ where "
-                      "it is called", soft_wrap=True)  # fmt: skip
+        console.print(
+            f"[red]{escape(str(folder))}:[/] is no folder; formnet run makes runs/ where "
+            "it is called",
+            soft_wrap=True,
+        )
         return BAD_INPUT
     if (folder / "events.jsonl").exists():
-        console.print(f"[red]{escape(str(folder))}:[/] is one run; give the folder that it is in",
-                      soft_wrap=True)  # fmt: skip
+        console.print(
+            f"[red]{escape(str(folder))}:[/] is one run; give the folder that it is in",
+            soft_wrap=True,
+        )
         return BAD_INPUT
     entries, others = look_into(folder)
     if as_json:
@@ -56,26 +61,38 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
     if folder.resolve().name != "runs":
         return ALL_HOLD  # its page would be a surprise
     problem = write_index(folder, entries)
-    console.print(f"as a page: {escape(str(folder / 'index.html'))}" if problem is None
-                  else f"[yellow]no index page:[/] {escape(problem)}", soft_wrap=True)  # fmt: skip
+    console.print(
+        f"as a page: {escape(str(folder / 'index.html'))}"
+        if problem is None
+        else f"[yellow]no index page:[/] {escape(problem)}",
+        soft_wrap=True,
+    )
     return ALL_HOLD
 
 
 def _table(entries: list[Entry]) -> Table:
     columns = [
         Column("folder", left=True, wraps=output().is_terminal),
-        Column("standing", left=True), Column("claims", 1, left=True, wraps=True),
-        Column("settled", 3), Column("simulated", 4), Column("begun", 2, left=True),
-    ]  # fmt: skip
+        Column("standing", left=True),
+        Column("claims", 1, left=True, wraps=True),
+        Column("settled", 3),
+        Column("simulated", 4),
+        Column("begun", 2, left=True),
+    ]
     rows = []
     for entry in entries:
         style = _STYLES.get(entry.standing, "red")
         said = "; ".join(filter(None, (in_words(entry.claims), entry.note)))
-        rows.append([
-            escape(entry.title), f"[{style}]{escape(entry.standing)}[/]", escape(said),
-            entry.settled, _seconds(entry.simulated_s),
-            entry.when[:16].replace("T", " "),
-        ])  # fmt: skip
+        rows.append(
+            [
+                escape(entry.title),
+                f"[{style}]{escape(entry.standing)}[/]",
+                escape(said),
+                entry.settled,
+                _seconds(entry.simulated_s),
+                entry.when[:16].replace("T", " "),
+            ]
+        )
     return table("", columns, rows, "--json has all", output().width)
 
 

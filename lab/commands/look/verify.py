@@ -58,8 +58,9 @@ def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
                 report_problems(console, error)
                 codes.append(BAD_INPUT)
             except Unreadable as error:
-                console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}",
-                              soft_wrap=True)  # fmt: skip
+                console.print(
+                    f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True
+                )
                 codes.append(BAD_INPUT)
     return max(codes)
 
@@ -72,15 +73,20 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     if problem is not None:
         raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
     if recorded.scenario.clock.mode == "realtime":
-        raise Unreadable('clock.mode = "realtime": a run in real time does not repeat to the bit; '
-                         "its virtual twin does (--set clock.mode=lockstep)")  # fmt: skip
+        raise Unreadable(
+            'clock.mode = "realtime": a run in real time does not repeat to the bit; '
+            "its virtual twin does (--set clock.mode=lockstep)"
+        )
     until_ns = planned_until_ns(judged)
     samples = before(recorded.samples, until_ns)
     if not samples:
-        raise Unreadable("nothing to compare: no sample was recorded before something unplanned "
-                         "happened")  # fmt: skip
-    console.print(f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are run again "
-                  "…[/]", soft_wrap=True)  # fmt: skip
+        raise Unreadable(
+            "nothing to compare: no sample was recorded before something unplanned happened"
+        )
+    console.print(
+        f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are run again …[/]",
+        soft_wrap=True,
+    )
     with TemporaryDirectory(prefix="formnet-verify-") as scratch:
         again = Recording(Path(scratch) / "run", recorded.scenario)
 
@@ -95,29 +101,37 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
     if stopped():
         return INTERRUPTED
     if again.now_ns() < samples[-1].t_ns:
-        console.print(f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
-                      + escape(outcome.reason), soft_wrap=True)  # fmt: skip
+        console.print(
+            f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
+            + escape(outcome.reason),
+            soft_wrap=True,
+        )
         return BROKEN
     found = compared(recorded, again, until_ns)
     name = escape(str(folder))
     if found.identical:
         whole = until_ns == NEVER
         extent = (
-            f": {len(samples)} samples, {len(recorded.link_rows)} messages" if whole else
-            f" up to t = {until_ns / 1e9:g} s, where {what_happened(judged, until_ns)}: "
+            f": {len(samples)} samples, {len(recorded.link_rows)} messages"
+            if whole
+            else f" up to t = {until_ns / 1e9:g} s, where {what_happened(judged, until_ns)}: "
             f"{len(samples)} of {len(recorded.samples)} samples"
-        )  # fmt: skip
+        )
         console.print(f"{name}: [green]identical[/]{extent}", soft_wrap=True)
         if whole:
             console.print(f"  sha256 {judged['trajectory_sha256']}", soft_wrap=True)
         return ALL_HOLD
     console.print(f"{name}: [red]differs[/]", soft_wrap=True)
     if not found.sealed:
-        console.print("  states.parquet is not what verdict.json has the SHA-256 of: it was "
-                      "changed after the run", soft_wrap=True)  # fmt: skip
+        console.print(
+            "  states.parquet is not what verdict.json has the SHA-256 of: it was "
+            "changed after the run",
+            soft_wrap=True,
+        )
     if found.first is not None:
-        console.print(f"  first at {escape(str(found.first))} (recorded, and again)",
-                      soft_wrap=True)  # fmt: skip
+        console.print(
+            f"  first at {escape(str(found.first))} (recorded, and again)", soft_wrap=True
+        )
     if found.motion is not None:
         console.print(f"  motion, {escape(found.motion)} (recorded, and again)", soft_wrap=True)
     if found.first is not None or found.motion is not None:

@@ -103,11 +103,13 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
         return
     with _listening(hosts.listen) as trouble, Fleet() as fleet:
         yield Check(
-            "here", "port", f"can listen at {hosts.listen}",
+            "here",
+            "port",
+            f"can listen at {hosts.listen}",
             trouble and f"cannot listen at {hosts.listen}: {trouble}",
             "end what listens there, or choose an address of this machine and another port as "
             "`listen` in the file of hosts",
-        )  # fmt: skip
+        )
         authority = None
         if keys is not None:
             authority = certificate(keys, PLANT).get("authority_sha256")
@@ -128,16 +130,27 @@ def _watching() -> Iterator[Check]:
 
 
 def _of_host(
-    fleet: "Fleet", host: Host, listen: str, here: dict[str, Any], authority: str | None,
-    *, open_: bool,
-) -> Iterator[Check]:  # fmt: skip
+    fleet: "Fleet",
+    host: Host,
+    listen: str,
+    here: dict[str, Any],
+    authority: str | None,
+    *,
+    open_: bool,
+) -> Iterator[Check]:
     from formnet.lab.machines.hosts import HostLost
 
     try:
         fleet.run(host, "true")
     except HostLost as error:
-        yield Check(host.name, "SSH", "", str(error), f"see that `ssh {host.ssh} true` works "
-                    "without a password, and that the host's key is known")  # fmt: skip
+        yield Check(
+            host.name,
+            "SSH",
+            "",
+            str(error),
+            f"see that `ssh {host.ssh} true` works "
+            "without a password, and that the host's key is known",
+        )
         return
     yield Check(host.name, "SSH", f"{host.ssh} lets in")
     place = listen.partition("/")[2]
@@ -156,19 +169,25 @@ def _of_host(
         there = json.loads(said.splitlines()[-1])
     except (HostLost, ValueError, IndexError) as error:
         reason = said.splitlines()[-1] if code and said else str(error)
-        yield Check(host.name, "formnet", "", f"{host.python} has no formnet: {reason}",
-                    "install the same version there, and name its interpreter as `python`"
-                    )  # fmt: skip
+        yield Check(
+            host.name,
+            "formnet",
+            "",
+            f"{host.python} has no formnet: {reason}",
+            "install the same version there, and name its interpreter as `python`",
+        )
         return
     yield from _version(host, here, there)
     yield _clock(host, before_s, there["unix_s"], after_s)
     if open_:
         yield Check(
-            host.name, "port", f"reaches {place}",
+            host.name,
+            "port",
+            f"reaches {place}",
             there["reach"] and f"cannot reach {place}: {there['reach']}",
             f"let {host.name} through to that port in the firewall here, or give as `listen` an "
             "address by which it reaches this machine",
-        )  # fmt: skip
+        )
     for name, found in there.get("keys", {}).items():
         yield from _certificate(host.name, name, found, authority)
 
@@ -184,9 +203,13 @@ def _version(host: Host, here: dict[str, Any], there: dict[str, Any]) -> Iterato
     same = (here["packages"], here["protocol"]) == (there["packages"], there["protocol"])
     problem = "" if same else f"has {_versions(there)}, and here is {_versions(here)}"
     version = here["packages"].get("formnet", "")
-    yield Check(host.name, "formnet", _versions(there), problem,
-                f"install the same there: {host.python} -m pip install 'formnet=={version}'"
-                )  # fmt: skip
+    yield Check(
+        host.name,
+        "formnet",
+        _versions(there),
+        problem,
+        f"install the same there: {host.python} -m pip install 'formnet=={version}'",
+    )
 
 
 def _clock(host: Host, before_s: float, there_s: float, after_s: float) -> Check:
@@ -195,9 +218,13 @@ def _clock(host: Host, before_s: float, there_s: float, after_s: float) -> Check
     middle_s, error_s = (least_s + most_s) / 2, (most_s - least_s) / 2
     off = abs(middle_s) - error_s > MOST_CLOCK_OFFSET_S
     found = f"{middle_s:+.2f} s ± {error_s:.2f} s from ours"
-    return Check(host.name, "clock", found, found if off else "",
-                 "set it right: run an NTP client there and here (chrony, systemd-timesyncd)"
-                 )  # fmt: skip
+    return Check(
+        host.name,
+        "clock",
+        found,
+        found if off else "",
+        "set it right: run an NTP client there and here (chrony, systemd-timesyncd)",
+    )
 
 
 def _certificate(
@@ -205,16 +232,31 @@ def _certificate(
 ) -> Iterator[Check]:
     what = f"certificate of {name}"
     if "problem" in found:
-        yield Check(where, what, "", found["problem"],
-                    "make what is missing where ca-key.pem is (`formnet keys init`), and copy "
-                    f"ca.pem, {name}.pem and {name}-key.pem there")  # fmt: skip
+        yield Check(
+            where,
+            what,
+            "",
+            found["problem"],
+            "make what is missing where ca-key.pem is (`formnet keys init`), and copy "
+            f"ca.pem, {name}.pem and {name}-key.pem there",
+        )
     elif found["expired"]:
-        yield Check(where, what, "", f"ended {found['expires']}",
-                    f"delete {name}.pem and {name}-key.pem where ca-key.pem is, make them again "
-                    "(`formnet keys init`) and copy them there")  # fmt: skip
+        yield Check(
+            where,
+            what,
+            "",
+            f"ended {found['expires']}",
+            f"delete {name}.pem and {name}-key.pem where ca-key.pem is, make them again "
+            "(`formnet keys init`) and copy them there",
+        )
     elif authority is not None and found["authority_sha256"] != authority:
-        yield Check(where, what, "", "is of another authority than the plant's",
-                    "copy ca.pem and certificates that it has signed there")  # fmt: skip
+        yield Check(
+            where,
+            what,
+            "",
+            "is of another authority than the plant's",
+            "copy ca.pem and certificates that it has signed there",
+        )
     else:
         soon = found["expires_unix_s"] - time.time() < SOON_S
         yield Check(where, what, f"good until {found['expires']}" + (", soon" if soon else ""))

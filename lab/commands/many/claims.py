@@ -78,8 +78,10 @@ def run_claims(
     chosen = [c for c in claims if not only or any(fnmatchcase(c.key, some) for some in only)]
     unmatched = [some for some in only if not any(fnmatchcase(c.key, some) for c in claims)]
     if into is not None and only:
-        console.print("[red]--into:[/] goes with all claims, not with --only: it takes the whole "
-                      "table's place")  # fmt: skip
+        console.print(
+            "[red]--into:[/] goes with all claims, not with --only: it takes the whole "
+            "table's place"
+        )
         return BAD_INPUT
     if unmatched:
         keys = ", ".join(claim.key for claim in claims)
@@ -143,9 +145,14 @@ def list_claims() -> int:
 
 
 def _do_all(
-    console: Console, work: Sequence[Work], done: dict[tuple[str, str], Result],
-    jobs: int | None, stopped: pool.Stopped, *, inline: bool,
-) -> None:  # fmt: skip
+    console: Console,
+    work: Sequence[Work],
+    done: dict[tuple[str, str], Result],
+    jobs: int | None,
+    stopped: pool.Stopped,
+    *,
+    inline: bool,
+) -> None:
     """Put the results of all runs into ``done``, by the keys of claim and case."""
     if inline:  # the longest first, so that no core is left with a long one at the end
         longest_first = sorted(work, key=lambda item: -cost(item.case))
@@ -163,8 +170,9 @@ def _do_all(
                 how += f"; robot {lost['robot']} was lost: {lost['reason']}"
             console.print(
                 f"[red]not as predicted:[/] {_label(item)} ({escape(how)}), see "
-                + escape(str(item.folder)), soft_wrap=True,
-            )  # fmt: skip
+                + escape(str(item.folder)),
+                soft_wrap=True,
+            )
 
 
 def _label(item: Work) -> str:
@@ -181,7 +189,10 @@ def _table(rows: Sequence[Row]) -> Table:
     for row in rows:
         told = row.verdict if row.verdict == HOLDS else row.happened
         table.add_row(
-            row.claim.key, row.claim.where, f"[{_STYLES[row.verdict]}]{escape(told)}[/]",
-            str(len(row.results)), *(report.number(row, claim) for claim in EQUATIONS),
-        )  # fmt: skip
+            row.claim.key,
+            row.claim.where,
+            f"[{_STYLES[row.verdict]}]{escape(told)}[/]",
+            str(len(row.results)),
+            *(report.number(row, claim) for claim in EQUATIONS),
+        )
     return table

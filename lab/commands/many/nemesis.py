@@ -93,9 +93,16 @@ def command(
 
 
 def run_nemesis(
-    path: Path, overrides: tuple[str, ...], runs: int, seed: int, out: Path | None,
-    limit_s: float, jobs: int | None, *, inline: bool,
-) -> int:  # fmt: skip
+    path: Path,
+    overrides: tuple[str, ...],
+    runs: int,
+    seed: int,
+    out: Path | None,
+    limit_s: float,
+    jobs: int | None,
+    *,
+    inline: bool,
+) -> int:
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     try:
@@ -116,11 +123,15 @@ def run_nemesis(
         return code_of(error)
     trials = [
         Trial(
-            scenario, number, draw(scenario, number, CHAOS_SHARE * scenario.duration_s),
-            inline, not inline or number % SAMPLE_EVERY == 0, limit_s,
+            scenario,
+            number,
+            draw(scenario, number, CHAOS_SHARE * scenario.duration_s),
+            inline,
+            not inline or number % SAMPLE_EVERY == 0,
+            limit_s,
         )
         for number in range(seed, seed + runs)
-    ]  # fmt: skip
+    ]
     done: dict[int, Finding] = {}
     failed = None
     with stop_signals() as stopped:
@@ -172,16 +183,23 @@ def _repeat(path: Path, overrides: Sequence[str], limit_s: float, *, inline: boo
 
 
 def _report(
-    console: Console, folder: Path, trial: Trial, finding: Finding, repeat: str,
+    console: Console,
+    folder: Path,
+    trial: Trial,
+    finding: Finding,
+    repeat: str,
     stopped: pool.Stopped,
-) -> None:  # fmt: skip
+) -> None:
     """Say what failed and how to repeat it, then shrink it and write that down."""
     console.print(f"[red]seed {trial.seed} fails:[/]")
     for problem in finding.problems:
         console.print(f"  {escape(problem)}", soft_wrap=True)
     console.print(f"  repeat it: {escape(repeat)} {trial.seed}", soft_wrap=True)
-    console.print(f"  shrinking its {len(trial.episodes)} episodes, for {MOST_SHRINKING_S / 60:g} "
-                  "minutes at most …", soft_wrap=True)  # fmt: skip
+    console.print(
+        f"  shrinking its {len(trial.episodes)} episodes, for {MOST_SHRINKING_S / 60:g} "
+        "minutes at most …",
+        soft_wrap=True,
+    )
     least = smallest(trial, finding, stopped)
     place = folder / f"seed-{trial.seed}"
     place.mkdir()
@@ -191,8 +209,11 @@ def _report(
     lines = list(describe(least))
     text = "\n".join([*finding.problems, "", "shrunk to:", *lines])
     files.write_new(place / "problems.txt", text + "\n")
-    console.print(f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
-                  f"{escape(str(place / 'shrunk.toml'))}:", soft_wrap=True)  # fmt: skip
+    console.print(
+        f"  the shortest of its {len(trial.episodes)} episodes that still fails, "
+        f"{escape(str(place / 'shrunk.toml'))}:",
+        soft_wrap=True,
+    )
     for line in lines or ["(none: it fails without any)"]:
         console.print(f"    {escape(line)}", soft_wrap=True)
 
@@ -225,7 +246,11 @@ def _summarise(
         console.print(
             f"{len(tried_seeds)} runs, seeds {tried_seeds[0].seed} to {tried_seeds[-1].seed} "
             f"({told}){compared}: "
-            + (f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}" if failed
-               else "[green]all terminate, are consistent and recover[/]"), soft_wrap=True,
-        )  # fmt: skip
+            + (
+                f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}"
+                if failed
+                else "[green]all terminate, are consistent and recover[/]"
+            ),
+            soft_wrap=True,
+        )
     console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)

@@ -103,15 +103,23 @@ def command(
         )
     where = Where(hosts, keys, plaintext, router)
     shown = viewer(view=view, web=web)
-    sys.exit(run_scenario(
-        scenario, overrides, out, inline=inline, where=where, view=shown, drawn=not no_figures
-    ))  # fmt: skip
+    sys.exit(
+        run_scenario(
+            scenario, overrides, out, inline=inline, where=where, view=shown, drawn=not no_figures
+        )
+    )
 
 
 def run_scenario(
-    path: Path, overrides: tuple[str, ...], out: Path | None, *, inline: bool,
-    where: Where = HERE, view: str | None = None, drawn: bool = True,
-) -> int:  # fmt: skip
+    path: Path,
+    overrides: tuple[str, ...],
+    out: Path | None,
+    *,
+    inline: bool,
+    where: Where = HERE,
+    view: str | None = None,
+    drawn: bool = True,
+) -> int:
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
 
     ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
@@ -129,8 +137,9 @@ def run_scenario(
     if inline and scenario.clock.mode == "realtime":
         console.print(
             '[red]--inline:[/] is virtual time, and clock.mode = "realtime": add '
-            "--set clock.mode=lockstep, or leave --inline out", soft_wrap=True,
-        )  # fmt: skip
+            "--set clock.mode=lockstep, or leave --inline out",
+            soft_wrap=True,
+        )
         return BAD_INPUT
     warn(console, warnings)
     try:
@@ -166,9 +175,14 @@ def run_scenario(
 
             try:
                 outcome = execute(
-                    recording, watch.take, stopped.is_set, watch.refresh, inline=inline,
-                    place=place, begun=begun,
-                )  # fmt: skip
+                    recording,
+                    watch.take,
+                    stopped.is_set,
+                    watch.refresh,
+                    inline=inline,
+                    place=place,
+                    begun=begun,
+                )
             except HostUnreachable as error:
                 outcome = Outcome("broken", 0, None, str(error))
                 watch.take(outcome)
@@ -188,9 +202,15 @@ def _unusable(console: Console, error: OSError) -> int:
 
 
 def _conclude(
-    console: Console, recording: Recording, scene: "RunFile", outcome: Outcome,
-    how: dict[str, Any], stopped: Callable[[], bool], *, drawn: bool,
-) -> int:  # fmt: skip
+    console: Console,
+    recording: Recording,
+    scene: "RunFile",
+    outcome: Outcome,
+    how: dict[str, Any],
+    stopped: Callable[[], bool],
+    *,
+    drawn: bool,
+) -> int:
     """Save, judge (``how`` as for :func:`lab.judge.verdict.of`), print, draw; the exit code.
 
     What was recorded and its verdict come first, what shows them after that.
@@ -225,8 +245,10 @@ def _conclude(
         problems.append(error)
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
-    console.print(f"everything{' else' * bool(problems)} is in {escape(str(recording.folder))}",
-                  soft_wrap=True)  # fmt: skip
+    console.print(
+        f"everything{' else' * bool(problems)} is in {escape(str(recording.folder))}",
+        soft_wrap=True,
+    )
     if problems:
         return BROKEN
     if outcome.kind == "interrupted" or stopped():

@@ -24,9 +24,11 @@ from formnet.lab.watch.monitor import NoRun, Source, watch
 @VIEW
 @WEB
 @click.option(
-    "--save", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.rrd",
+    "--save",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.rrd",
     help="Keep what is seen.",
-)  # fmt: skip
+)
 @KEYS
 @PLAINTEXT
 @LEASH
