@@ -349,7 +349,7 @@ LOSSY = RandomLossSettings(probability=0.25)
 def test_change_replaces_exactly_what_it_names(base, delay, loss):
     """Naming a default (no delay, no loss) is naming it."""
     before = base.model_copy(deep=True)
-    changed = base.changed(LinkOverrides(delay=delay, loss=loss))
+    changed = base.changed(LinkOverrides(delay=delay, loss=loss).values())
     assert changed.delay == (base.delay if delay is None else delay)
     assert changed.loss == (base.loss if loss is None else loss)
     assert base == before

@@ -18,7 +18,7 @@ S = 1_000_000_000
 
 
 def change(**named):
-    return Change(LinkOverrides.model_validate(named))
+    return Change(LinkOverrides.model_validate(named).values())
 
 
 def constant(mean_s):
@@ -61,7 +61,7 @@ def test_a_change_replaces_exactly_what_it_names():
     settings = LinkSettings.model_validate(base)
 
     def changed(**named):
-        return settings.changed(LinkOverrides.model_validate(named)).model_dump()
+        return settings.changed(LinkOverrides.model_validate(named).values()).model_dump()
 
     before = settings.model_dump()
     parts = [

@@ -35,7 +35,7 @@ SIZE = 10  # bytes of a message
 
 
 def change(**named):
-    return Change(LinkOverrides.model_validate(named))
+    return Change(LinkOverrides.model_validate(named).values())
 
 
 def constant(mean_s):

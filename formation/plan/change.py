@@ -22,7 +22,7 @@ class NetworkAction(LinkSelection, LinkOverrides):
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""
-        return Change(self) if self.covers(source, destination) else None
+        return Change(self.values()) if self.covers(source, destination) else None
 
     def describe(self) -> str:
         """In words."""

@@ -6,7 +6,7 @@ one, so that the whole can still be built.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,12 @@ from pydantic import ValidationError
 
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.scenario.rules import broken_rules
+from formnet.netem.files.overrides import OverrideError, Values, assign
 from formnet.netem.files.problems import Place, Problem, problems, shown
 from formnet.netem.files.toml import parse_toml, parse_value, read_toml
+
+Overrides = Values | Iterable[str]
+"""Values by key path, or texts ``key.path=value``."""
 
 
 class ScenarioError(ValueError):
@@ -29,11 +33,12 @@ class ScenarioError(ValueError):
         super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
 
 
-def load(path: Path, overrides: Iterable[str] = ()) -> Scenario:
+def load(path: Path, overrides: Overrides = ()) -> Scenario:
     """Read, override and validate a scenario file.
 
-    ``overrides`` are ``key.path=value`` texts, the value in TOML syntax (a bare
-    word is taken as a string); robots are addressed by id: ``robots.3.damping=1``.
+    ``overrides`` are values by key path (``{"law.beta": 5.0}``), or ``key.path=value`` texts, the
+    value in TOML syntax (a bare word is taken as a string); robots are addressed by id:
+    ``robots.3.damping=1``.
 
     Raises:
         ScenarioError: with every problem, or the one that stopped the reading.
@@ -48,7 +53,7 @@ def load(path: Path, overrides: Iterable[str] = ()) -> Scenario:
 def loads(
     text: str,
     file: str = "scenario",
-    overrides: Iterable[str] = (),
+    overrides: Overrides = (),
     folder: Path | None = None,
 ) -> Scenario:
     """:func:`load` from text; ``file`` is what errors call it.
@@ -63,10 +68,8 @@ def loads(
     return _built(data, file, overrides, folder)
 
 
-def _built(
-    data: dict[str, Any], file: str, overrides: Iterable[str], folder: Path | None
-) -> Scenario:
-    bad = [problem for text in overrides if (problem := _override(data, text))]
+def _built(data: dict[str, Any], file: str, overrides: Overrides, folder: Path | None) -> Scenario:
+    bad = _put(data, overrides)
     scenario, found = _validate(data, folder)
     bad += found
     if scenario is not None:
@@ -93,45 +96,32 @@ def _failure(file: str, rule: str) -> ScenarioError:
 # --- overrides -----------------------------------------------------------------------
 
 
-def _override(data: dict[str, Any], text: str) -> Problem | None:
-    """Apply one ``key.path=value``; returns what is wrong with it, if anything."""
+def _put(data: dict[str, Any], overrides: Overrides) -> list[Problem]:
+    """Put overrides into ``data``; returns what is wrong with them."""
+    found = []
+    items = overrides.items() if isinstance(overrides, Mapping) else map(_read, overrides)
+    for item in items:
+        if isinstance(item, Problem):
+            found.append(item)
+            continue
+        path, value = item
+        try:
+            assign(data, path, value)
+        except OverrideError as error:
+            found.append(Problem(f"--set {error.place}", None, error.rule))
+    return found
+
+
+def _read(text: str) -> tuple[str, Any] | Problem:
+    """One ``key.path=value``, or what is wrong with it."""
     path, equals, raw = text.partition("=")
-    keys = path.strip().split(".")
-    if not equals or not all(keys):
+    path = path.strip()
+    if not equals or not all(path.split(".")):
         return Problem(f"--set {text}", None, "must read key.path=value, such as law.beta=5")
     try:
-        value = parse_value(raw)
+        return path, parse_value(raw)
     except ValueError as error:
-        return Problem(f"--set {path.strip()}", shown(raw), str(error))
-    here: Any = data
-    for depth, key in enumerate(keys):
-        last = depth == len(keys) - 1
-        place = ".".join(keys[: depth + 1])
-        if isinstance(here, list):
-            known = _keys_of(here)
-            if not key.isdigit() or int(key) not in known:
-                rule = f"there is no {key!r} in this list (there: {', '.join(map(str, known))})"
-                return Problem(f"--set {place}", None, rule)
-            index = known.index(int(key))
-            if last:
-                here[index] = value
-            else:
-                here = here[index]
-        elif isinstance(here, dict):
-            if last:
-                here[key] = value
-            else:
-                here = here.setdefault(key, {})
-        else:
-            return Problem(f"--set {place}", None, f"{'.'.join(keys[:depth])} is not a table")
-    return None
-
-
-def _keys_of(items: list[Any]) -> list[Any]:
-    """By what the items of a list are addressed: their ``id``, or else their numbers from 0."""
-    if any(isinstance(item, dict) and "id" in item for item in items):
-        return [item.get("id") if isinstance(item, dict) else None for item in items]
-    return list(range(len(items)))
+        return Problem(f"--set {path}", shown(raw), str(error))
 
 
 # --- validation ----------------------------------------------------------------------

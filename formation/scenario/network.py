@@ -41,7 +41,7 @@ class Network(Table):
         settings = self.default
         for rule in self.links:
             if rule.covers(source, destination):
-                settings = settings.changed(rule)
+                settings = settings.changed(rule.values())
         return settings
 
 

@@ -142,7 +142,7 @@ def _check_links(scenario: Scenario) -> Iterator[Problem]:
             if not rule.covers(source, destination):
                 continue
             try:
-                settings = settings.changed(rule)
+                settings = settings.changed(rule.values())
             except SettingError as error:
                 yield _on_link(f"network.links[{index}]", error.problem, source, destination)
                 return

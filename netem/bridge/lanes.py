@@ -104,7 +104,7 @@ def load(path: Path) -> LaneFile:
         raise NetworkFileError(str(path), problems(LaneFile, data, error)) from None
     for index, rule in enumerate(file.network.links):
         try:
-            file.network.default.changed(rule)
+            file.network.default.changed(rule.values())
         except SettingError as error:
             place = f"network.links[{index}].{error.problem.place}"
             raise NetworkFileError(str(path), [error.problem._replace(place=place)]) from None
@@ -173,7 +173,7 @@ class ChangeRequest(Request, LinkOverrides):
     """Replace exactly the settings that are named."""
 
     def action(self) -> Change | Cut | Heal:
-        return Change(self)
+        return Change(self.values())
 
 
 class CutRequest(Request):
@@ -202,7 +202,7 @@ class Lanes:
         default = file.network.default
         for direction in DIRECTIONS:
             made = {DEFAULT: default} | {
-                rule.key: default.changed(rule)
+                rule.key: default.changed(rule.values())
                 for rule in self._rules
                 if rule.direction in ("both", direction)
             }
@@ -237,7 +237,7 @@ class Lanes:
         action = request.action()
         if isinstance(action, Change):
             for lane in meant:
-                lane.timeline.settings.changed(action.overrides)
+                lane.timeline.settings.changed(action.values)
         for lane in meant:
             lane.note_lost(lane.timeline.do(now_ns, action))
         return meant

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from formnet.netem.settings.links import LinkOverrides
+from formnet.netem.files.overrides import Values
 
 
 @dataclass(frozen=True)
 class Change:
-    """Replace exactly the settings that ``overrides`` names."""
+    """Put ``values`` in place; other settings stay."""
 
-    overrides: LinkOverrides
+    values: Values
 
 
 @dataclass(frozen=True)

@@ -30,18 +30,7 @@ robot-link
 from typing import Any, Final
 
 PRESETS: Final[dict[str, dict[str, Any]]] = {
-    "ideal": {
-        "delay": {"distribution": "constant", "mean_s": 0.0},
-        "loss": {"model": "random", "probability": 0.0},
-        "duplicate": {"probability": 0.0},
-        "corrupt": {"probability": 0.0},
-        "reorder": {"probability": 0.0, "gap": 1},
-        "rate": {"bits_per_s": 0, "overhead_bytes": 0, "cell_bytes": 0, "cell_overhead_bytes": 0},
-        "queue": {"messages": 0, "bytes": 0},
-        "slots": {"min_s": 0.0, "max_s": 0.0, "messages": 0, "bytes": 0},
-        "keep_order": False,
-        "playout_s": 0.0,
-    },
+    "ideal": {},
     "lan": {
         "delay": {"distribution": "gamma", "offset_s": 5e-5, "mean_s": 5e-5, "stddev_s": 2e-5},
         "rate": {"bits_per_s": 1_000_000_000, "overhead_bytes": 38},

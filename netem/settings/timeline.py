@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 from formnet.netem.core.link import Link
 from formnet.netem.core.transit import Transit
-from formnet.netem.files.tables import Part
+from formnet.netem.files.overrides import Values
 from formnet.netem.settings.actions import Change, Cut, Heal
-from formnet.netem.settings.links import LinkOverrides, LinkSettings, SettingError
+from formnet.netem.settings.links import LinkSettings, SettingError
 from formnet.netem.settings.ramp import Ramp
 
 Action = Change | Ramp | Cut | Heal
@@ -80,13 +80,13 @@ class Timeline:
         self._follow_ramps(at_ns)
         if isinstance(action, Change):
             with _caused_by(action):
-                self.settings = self.settings.changed(action.overrides)
-            for parameter in [p for p in self._ramps if _names(action.overrides, p)]:
+                self.settings = self.settings.changed(action.values)
+            for parameter in [p for p in self._ramps if _names(action.values, p)]:
                 del self._ramps[parameter]
         elif isinstance(action, Ramp):
             with _caused_by(action):  # an end that cannot be reached should not be begun
-                self.settings.with_number(action.parameter, action.at(action.duration_ns))
-                self.settings = self.settings.with_number(action.parameter, action.at(0))
+                self.settings.changed({action.parameter: action.at(action.duration_ns)})
+                self.settings = self.settings.changed({action.parameter: action.at(0)})
             self._ramps[action.parameter] = (at_ns, action)
         elif isinstance(action, Cut):
             self.is_cut = True
@@ -101,7 +101,7 @@ class Timeline:
     def _follow_ramps(self, now_ns: int) -> None:
         for parameter, (since_ns, ramp) in list(self._ramps.items()):
             with _caused_by(ramp):
-                self.settings = self.settings.with_number(parameter, ramp.at(now_ns - since_ns))
+                self.settings = self.settings.changed({parameter: ramp.at(now_ns - since_ns)})
             if now_ns >= since_ns + ramp.duration_ns:
                 del self._ramps[parameter]
 
@@ -127,10 +127,6 @@ def _caused_by(action: Action) -> Iterator[None]:
         raise
 
 
-def _names(overrides: LinkOverrides, parameter: str) -> bool:
-    """Whether ``overrides`` says what the number ``parameter`` is to be."""
-    table, _, key = parameter.rpartition(".")
-    value = overrides.named().get(table or key)
-    if value is None or not table:
-        return value is not None
-    return getattr(value, key, None) is not None or not isinstance(value, Part)
+def _names(values: Values, parameter: str) -> bool:
+    """Whether ``values`` says what the number ``parameter`` is to be."""
+    return not values.keys().isdisjoint((parameter, parameter.partition(".")[0]))
