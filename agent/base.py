@@ -11,8 +11,8 @@ from numbers import Real
 from typing import Any, NamedTuple
 
 from formnet.agent.law import RAISED, Command, Law, failure
+from formnet.formation.briefing.plan import RobotPlan
 from formnet.formation.plan.roster import Roster
-from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import Drive, Rejected
@@ -20,7 +20,6 @@ from formnet.formation.wire.record import LinkRow
 from formnet.formation.wire.state import Stamped, State
 from formnet.formation.wire.tuples import make
 from formnet.netem.core.transit import IN_FLIGHT, Transit
-from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.timeline import NEVER
 
 
@@ -43,33 +42,26 @@ class Outgoing(NamedTuple):
 
 
 class RobotBase:
-    """Robot ``robot`` of run ``run`` under ``law``, from ``first_tick`` on.
+    """The robot of ``plan`` in run ``run`` under ``law``, from ``first_tick`` on.
 
     Times are nanoseconds of the run's time.
     """
 
-    def __init__(self, scenario: Scenario, robot: int, run: str, law: Law, first_tick: int) -> None:
-        self.robot = robot
+    def __init__(self, plan: RobotPlan, run: str, law: Law, first_tick: int) -> None:
+        self.robot = robot = plan.robot
         self.tag = run_tag(run)
         self._law = law
         self._command: Callable[..., Any] = law.command  # a plug-in may return anything
-        self._roster: Roster = scenario.roster()
-        self.neighbours = scenario.neighbours_of[robot]
-        self._period_ns = scenario.clock.control_period_ns
-        self._every = scenario.clock.broadcast_every
-        life = self._roster.lives(robot, first_tick)
-        self._links = {source: scenario.link(source, robot, life) for source in self.neighbours}
-        self._timelines = {
-            source: scenario.timeline_of(source, robot, link)
-            for source, link in self._links.items()
-        }
+        self._roster: Roster = plan.roster()
+        self.neighbours = plan.neighbours
+        self._period_ns = plan.clock.control_period_ns
+        self._every = plan.clock.broadcast_every
+        incoming = plan.incoming(self._roster.lives(robot, first_tick))
+        self._links = {source: link for source, (link, _) in incoming.items()}
+        self._timelines = {source: timeline for source, (_, timeline) in incoming.items()}
         self._heard: dict[int, Stamped] = {}
         self._newest: tuple[Stamped, ...] = ()
-        self._silence_ns = (
-            nanoseconds(scenario.neighbours.silence_s)
-            if scenario.neighbours.on_silence == "drop"
-            else NEVER
-        )
+        self._silence_ns = plan.silence_ns
         self._heard_at_ns: dict[int, int] = {}  # when something usable last came from whom
         self._silent_from_ns = NEVER  # before that, nobody new is silent
         self._silent: set[int] = set()

@@ -16,7 +16,8 @@ from math import cos, sin
 
 from formnet.agent.dynamics import DynamicLayer
 from formnet.agent.excitation import Excitation, W1Signal
-from formnet.agent.law import Command, Situation
+from formnet.agent.law import Command
+from formnet.formation.briefing.situation import Situation
 from formnet.formation.wire.state import Stamped, State
 
 Coordinates = tuple[float, float, float, float, float, float, float, float, float]

@@ -6,7 +6,8 @@ Shared by every law that decides velocities first. Plain floats and no arrays, a
 
 from math import exp, sqrt
 
-from formnet.agent.law import Command, Situation, parameters
+from formnet.agent.law import Command
+from formnet.formation.briefing.situation import Situation, parameters
 from formnet.formation.wire.tuples import make
 
 

@@ -16,16 +16,14 @@ The built-in law is registered in the same way.
 
 import importlib
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from formnet.formation.scenario.law import LawSettings
-from formnet.formation.scenario.model import Scenario
-from formnet.formation.scenario.robots import Vehicle
+from formnet.formation.briefing.plan import Plan
+from formnet.formation.briefing.situation import Situation
 from formnet.formation.wire.state import Stamped, State
 from formnet.netem.files.problems import nearest
 
@@ -47,42 +45,6 @@ class Command(NamedTuple):
 
     first: float
     second: float
-
-
-@dataclass(frozen=True, slots=True)
-class BodyEstimate:
-    """What a robot believes of its own body; the true parameters stay in the plant.
-
-    ``robust_bound`` is ρ_j, a bound on ‖a − ā‖ in the law's own units (lengths
-    in ``length_scale_m``); ``com_uncertain`` says whether the third parameter,
-    m d, is in play at all (it is not for a robot built with its centre of mass
-    on the axle).
-    """
-
-    mass_kg: float
-    inertia_kgm2: float
-    com_offset_m: float
-    com_uncertain: bool
-    robust_bound: float
-    half_axle_m: float
-    wheel_radius_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """All that a law may know beside its inputs, fixed for the run.
-
-    ``offsets_m`` is the desired pattern (public); ``coupling`` holds b_ji for
-    each neighbour i; ``damping`` is μ_j.
-    """
-
-    robot: int
-    settings: LawSettings
-    control_period_s: float
-    offsets_m: Mapping[int, tuple[float, float]]
-    coupling: Mapping[int, float]
-    damping: float
-    body: BodyEstimate
 
 
 class Law(Protocol):
@@ -183,70 +145,23 @@ def load(kind: str) -> LawFactory:
     return factory
 
 
-def parameters(
-    mass_kg: float, inertia_kgm2: float, com_offset_m: float, scale_m: float
-) -> tuple[float, float, float]:
-    """a = (m ℓ², I + m d², m d ℓ): the inertia parameters with lengths in units of ℓ metres."""
-    return (
-        mass_kg * scale_m * scale_m,
-        inertia_kgm2 + mass_kg * com_offset_m * com_offset_m,
-        mass_kg * com_offset_m * scale_m,
-    )
+def make(situation: Situation) -> Law:
+    """The law that ``situation`` names, ready to run. Raises UnknownLaw."""
+    return load(situation.settings.kind)(situation)
 
 
-def body_estimate(vehicle: Vehicle, scale_m: float) -> BodyEstimate:
-    """The estimate of a vehicle; ρ = ‖a − ā‖ is computed here, once, unless it was given."""
-    mass, inertia, offset = vehicle.estimate()
-    believed = parameters(mass, inertia, offset, scale_m)
-    true = parameters(*vehicle.truth(), scale_m)
-    bound = vehicle.robust_bound
-    if bound is None:
-        bound = sum((a - b) ** 2 for a, b in zip(true, believed, strict=True)) ** 0.5
-    return BodyEstimate(
-        mass_kg=mass,
-        inertia_kgm2=inertia,
-        com_offset_m=offset,
-        com_uncertain=vehicle.com_offset_m != 0.0 or offset != 0.0,
-        robust_bound=bound,
-        half_axle_m=vehicle.half_axle_m,
-        wheel_radius_m=vehicle.wheel_radius_m,
-    )
-
-
-def situation(scenario: Scenario, robot: int) -> Situation:
-    """What the law of ``robot`` may know of ``scenario``."""
-    vehicle = scenario.vehicles[robot]
-    weights = scenario.formation.weights
-    return Situation(
-        robot=robot,
-        settings=scenario.law,
-        control_period_s=scenario.clock.control_period_s,
-        offsets_m={r.id: r.offset_m for r in scenario.robots},
-        coupling={
-            other: weights[min(robot, other), max(robot, other)]
-            for other in scenario.neighbours_of[robot]
-        },
-        damping=vehicle.damping,
-        body=body_estimate(vehicle, scenario.law.length_scale_m),
-    )
-
-
-def make(scenario: Scenario, robot: int) -> Law:
-    """The law of ``robot``, ready to run. Raises UnknownLaw."""
-    return load(scenario.law.kind)(situation(scenario, robot))
-
-
-def accepts(scenario: Scenario) -> str | None:
-    """Why the scenario's law cannot be had, or None. Builds the law of every robot."""
+def accepts(plan: Plan) -> str | None:
+    """Why the law of a run cannot be had, or None. Builds the law of every robot."""
+    kind = plan.law.kind
     try:
-        factory = load(scenario.law.kind)
+        factory = load(kind)
     except UnknownLaw as error:
         return str(error)
-    for robot in scenario.ids:
+    for robot in plan.ids:
         try:
-            factory(situation(scenario, robot))
+            factory(plan.situation(robot))
         except ValueError as error:
-            return f"law {scenario.law.kind!r} refuses robot {robot}: {error}{place(error)}"
+            return f"law {kind!r} refuses robot {robot}: {error}{place(error)}"
         except RAISED as error:
-            return f"law {scenario.law.kind!r} fails for robot {robot}: {failure(robot, error)}"
+            return f"law {kind!r} fails for robot {robot}: {failure(robot, error)}"
     return None

@@ -17,7 +17,8 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from formnet.agent.dynamics import DynamicLayer
-from formnet.agent.law import Command, Situation
+from formnet.agent.law import Command
+from formnet.formation.briefing.situation import Situation
 from formnet.formation.wire.state import Stamped, State
 from formnet.netem.files.problems import problems
 from formnet.netem.files.tables import Positive, Table

@@ -25,7 +25,7 @@ from formnet.agent.law import RAISED, LawFailed, make
 from formnet.agent.realtime import RealtimeLoop
 from formnet.agent.robot import Robot
 from formnet.agent.timed import TimedRobot
-from formnet.formation.scenario.loading import loads
+from formnet.formation.briefing.plan import RobotPlan
 from formnet.formation.wire import bus
 from formnet.formation.wire.broadcast import HELLO, Envelope
 from formnet.formation.wire.message_error import MessageError
@@ -107,20 +107,20 @@ class RobotProcess:
         if not isinstance(brief, Brief):
             return 3
         try:
-            scenario = loads(brief.scenario, "brief")
-            timed = scenario.clock.mode == "realtime"
-            self._report_ticks = max(1, _REPORT_NS // scenario.clock.control_period_ns)
+            plan = RobotPlan.unpack(brief.plan)
+            timed = plan.clock.mode == "realtime"
+            self._report_ticks = max(1, _REPORT_NS // plan.clock.control_period_ns)
             self._broadcast = broadcast = bus.publisher(
                 self._session, self._keys.broadcast(self._id), blocking=not timed
             )
-            law = make(scenario, self._id)
+            law = make(plan.situation)
             if timed:
-                core = TimedRobot(scenario, self._id, run=self._run, law=law, first_tick=brief.tick)
-                self._loop = RealtimeLoop(core, scenario, self._to_plant.put, broadcast)
-            else:
-                self._robot = Robot(
-                    scenario, self._id, run=self._run, law=law, first_tick=brief.tick
+                core = TimedRobot(plan, run=self._run, law=law, first_tick=brief.tick)
+                self._loop = RealtimeLoop(
+                    core, plan.clock.control_period_ns, self._to_plant.put, broadcast
                 )
+            else:
+                self._robot = Robot(plan, run=self._run, law=law, first_tick=brief.tick)
         except RAISED as error:  # a plug-in's constructor may
             self._fail(error)
             return self._take_leave()
@@ -129,7 +129,7 @@ class RobotProcess:
             self._session.declare_subscriber(
                 self._keys.broadcast(neighbour), partial(self._on_broadcast, neighbour)
             )
-            for neighbour in scenario.neighbours_of[self._id]
+            for neighbour in plan.neighbours
         ]
         end = self._meet(Meet(brief.tick, brief.neighbours))
         if self._loop is not None:

@@ -14,7 +14,6 @@ from collections.abc import Callable
 import zenoh
 
 from formnet.agent.timed import TimedRobot
-from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.messages import (
     Ask,
     End,
@@ -34,7 +33,7 @@ _MOST_ROWS = 200
 
 
 class RealtimeLoop:
-    """Runs ``robot`` on the wall clock.
+    """Runs ``robot`` on the wall clock, every ``period_ns``.
 
     ``send`` speaks to the plant, ``broadcast`` to the neighbours.
     """
@@ -42,13 +41,13 @@ class RealtimeLoop:
     def __init__(
         self,
         robot: TimedRobot,
-        scenario: Scenario,
+        period_ns: int,
         send: Callable[[bytes], None],
         broadcast: zenoh.Publisher,
     ) -> None:
         self._robot = robot
         self._id = robot.robot
-        self._period_ns = scenario.clock.control_period_ns
+        self._period_ns = period_ns
         self._send = send
         self._broadcast = broadcast
         self._lock = threading.Lock()  # guards what follows; answers and broadcasts have threads

@@ -14,7 +14,7 @@ unless it has been silent for longer than ``neighbours.silence_s``.
 
 from formnet.agent.base import Outgoing, RobotBase
 from formnet.agent.law import Law
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import RobotPlan
 from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import Drive, Sense
@@ -31,11 +31,9 @@ class Robot(RobotBase):
     ``first_tick`` is that of its first ``Sense``: 0, or when its process was restarted.
     """
 
-    def __init__(
-        self, scenario: Scenario, robot: int, *, run: str, law: Law, first_tick: int = 0
-    ) -> None:
-        super().__init__(scenario, robot, run, law, first_tick)
-        self._down_tick = self._roster.next_down(robot, first_tick)
+    def __init__(self, plan: RobotPlan, *, run: str, law: Law, first_tick: int = 0) -> None:
+        super().__init__(plan, run, law, first_tick)
+        self._down_tick = self._roster.next_down(self.robot, first_tick)
         # Tick of the newest arrival. What was sent before the process was there is not awaited.
         self._arrived = dict.fromkeys(self.neighbours, first_tick - 1)
         self._heard_up_to = first_tick - 1 if self.neighbours else NEVER  # the least of _arrived

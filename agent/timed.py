@@ -8,7 +8,7 @@ and is usable at the first control period from then on at which the link has del
 
 from formnet.agent.base import Outgoing, RobotBase
 from formnet.agent.law import Law
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import RobotPlan
 from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import Drive, Measured
@@ -23,10 +23,8 @@ MOST_BEHIND_NS = 10_000_000_000
 class TimedRobot(RobotBase):
     """Answers every ``Measured`` with a ``Drive`` and, when one is due, a broadcast."""
 
-    def __init__(
-        self, scenario: Scenario, robot: int, *, run: str, law: Law, first_tick: int = 0
-    ) -> None:
-        super().__init__(scenario, robot, run, law, first_tick)
+    def __init__(self, plan: RobotPlan, *, run: str, law: Law, first_tick: int = 0) -> None:
+        super().__init__(plan, run, law, first_tick)
         self.transit_s = Spread()
         self._stamps = dict.fromkeys(self.neighbours, HELLO)
         self._next_broadcast = 0

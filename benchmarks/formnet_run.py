@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.record import Event, Record, Sink
 from formnet.lab.launch.launch import Begun, Launch
@@ -55,8 +56,13 @@ def tick_ms(
     clock = _Clock(also)
     deadline = time.monotonic() + START_S + TICK_S * scenario.ticks
     name = f"{scenario.name}-{secrets.token_hex(3)}"
-    launch = Launch(scenario, name, clock, folder / "logs", begun=begun)
-    outcome = launch.wait(lambda: time.monotonic() > deadline, refresh)
+
+    def over() -> bool:
+        refresh()
+        return time.monotonic() > deadline
+
+    launch = Launch(resolve(scenario), name, clock, folder / "logs", begun=begun)
+    outcome = launch.wait(over)
     if outcome.kind != "completed" or clock.started_s is None or clock.ended_s is None:
         raise BenchmarkError(
             f"formnet's run of {scenario.name} ended as {outcome.kind} at "

@@ -9,9 +9,10 @@ import time
 from benchmarks.plan import Plan
 from benchmarks.scenarios import section5
 from benchmarks.table import BenchmarkError, Row, Target
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.record import Record
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 
 REAL_TIME = Target(">=", 10.0)
 
@@ -38,7 +39,7 @@ def tick_ms(scenario: Scenario) -> float:
         BenchmarkError: the run did not complete.
     """
     started_s = time.perf_counter()
-    outcome = inline.run(scenario, "benchmark", _drop)
+    outcome = Inline().run(resolve(scenario), _drop)
     if outcome.kind != "completed":
         raise BenchmarkError(f"the inline run ended as {outcome.kind}: {outcome.reason}")
     return (time.perf_counter() - started_s) / (scenario.ticks + 1) * 1e3

@@ -19,6 +19,7 @@ from benchmarks import helics_fed
 from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.scenarios import SECTION5
 from benchmarks.table import BenchmarkError, Row
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.broadcast import HELLO, Envelope
@@ -76,7 +77,7 @@ def stall_s(number: signal.Signals, draw: random.Random, folder: Path) -> float:
     folder.mkdir(parents=True)
     name = f"losses-{secrets.token_hex(3)}"
     seen = _Seen()
-    launch = Launch(scenario, name, seen.take, folder / "logs")
+    launch = Launch(resolve(scenario), name, seen.take, folder / "logs")
     try:
         with bus.session(connect=launch.endpoint) as session:
             subscription = session.declare_subscriber(bus.Keys(name).broadcasts, seen.hear)
@@ -89,7 +90,7 @@ def stall_s(number: signal.Signals, draw: random.Random, folder: Path) -> float:
             _until(lambda: seen.gone_tick + 1 in seen.first_s, "the others did not go on")
             del subscription
     finally:
-        launch.wait(lambda: True, lambda: None)
+        launch.wait(lambda: True)
     return seen.first_s[seen.gone_tick + 1] - began_s
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.plan import Plan
 from benchmarks.scenarios import ring_toml
 from benchmarks.table import BenchmarkError, Row, Target
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import loads
 from formnet.formation.wire import bus
 from formnet.formation.wire.record import Event, LinkRows, Record
@@ -148,12 +149,12 @@ def _run(robots: int, seconds: int, timing: _Timing, folder: Path, *, flood: boo
     )
     folder.mkdir(parents=True)
     name = f"pacing-{secrets.token_hex(3)}"
-    launch = Launch(scenario, name, timing, folder / "logs")
+    launch = Launch(resolve(scenario), name, timing, folder / "logs")
     done = threading.Event()
     flooding = threading.Thread(target=_flood, args=(launch.endpoint, bus.Keys(name), done))
     if flood:
         flooding.start()
-    outcome = launch.wait(lambda: False, lambda: None)
+    outcome = launch.wait(lambda: False)
     done.set()
     if flood:
         flooding.join()

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from formnet.formation.scenario.loading import dumps
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire import bus
 from formnet.formation.wire.messages import (
     PLANT,
@@ -92,7 +91,7 @@ Note = Message | Record | Turn | Vanished
 
 
 class Host:
-    """Hosts run ``run`` of ``scenario`` on ``session`` and reports to ``sink``.
+    """Hosts run ``run`` of ``plan`` on ``session`` and reports to ``sink``.
 
     If nothing new comes from the robots within ``start_patience_s`` before the first tick,
     the run ends; None waits for as long as it takes. ``blocking``: where the network is full,
@@ -104,18 +103,17 @@ class Host:
     def __init__(
         self,
         session: zenoh.Session,
-        scenario: Scenario,
+        plan: Plan,
         run: str,
         sink: Callable[[Streamed], None],
         start_patience_s: float | None = None,
     ) -> None:
         self._session = session
-        self._scenario = scenario
+        self._plan = plan
         self._start_patience_s = start_patience_s
         self._sink = sink
         self._keys = bus.Keys(run)
         self._inbox: queue.SimpleQueue[Note] = queue.SimpleQueue()
-        self._brief = dumps(scenario.without_hosts)
         self._joined: set[int] = set()  # who has a process that takes part
         self._connected: set[int] = set()  # by liveliness
         self._lock = threading.Lock()  # guards the world
@@ -124,7 +122,7 @@ class Host:
         self._complaints: Counter[int] = Counter()  # how often each robot told of refusals
         self._to_robots = {
             robot: bus.publisher(session, self._keys.to_robot(robot), blocking=self.blocking)
-            for robot in scenario.ids
+            for robot in plan.ids
         }
         self._subscriptions: list[Any] = []
 
@@ -139,7 +137,7 @@ class Host:
         try:
             self._gather()
             began = True
-            self._sink(Event("started", 0, {"robots": self._scenario.ids}))
+            self._sink(Event("started", 0, {"robots": list(self._plan.ids)}))
             gc.freeze()  # what start-up has made stays; do not scan it again and again
             self._go()
             raise AssertionError("a run ends by raising")
@@ -206,7 +204,7 @@ class Host:
         """Brief every robot and wait until all of them hear their neighbours."""
         joined = self._joined
         ready: set[int] = set()
-        everyone = set(self._scenario.ids)
+        everyone = set(self._plan.ids)
         patience = Patience()
         last_patience = Patience(self._start_patience_s or inf)
         while ready != everyone:
@@ -226,8 +224,8 @@ class Host:
                     raise Ended(self._mismatch(message))
                 if message.robot not in joined:
                     joined.add(message.robot)
-                    met = self._scenario.neighbours_of[message.robot]
-                    self._tell(message.robot, Brief(self._brief, 0, met))
+                    met = self._plan.neighbours_of[message.robot]
+                    self._tell(message.robot, self._brief(message.robot, 0, met))
             elif isinstance(message, Ready):
                 ready.add(message.robot)
             elif isinstance(message, Vanished):
@@ -237,7 +235,7 @@ class Host:
 
     def _unheard(self, unready: set[int]) -> set[int]:
         """Of robots that have not heard all their neighbours, those whom no neighbour has heard."""
-        neighbours = self._scenario.neighbours_of
+        neighbours = self._plan.neighbours_of
         return {robot for robot in unready if unready.issuperset(neighbours[robot])} or unready
 
     def _next(self, seconds: float = PATIENCE_S / 4) -> Note | None:
@@ -256,6 +254,10 @@ class Host:
     def _complain(self, what: str, robots: list[int]) -> None:
         """Say on whom the run waits."""
         self._sink(Event("waiting", self._t_ns(), {"for": what, "robots": robots}))
+
+    def _brief(self, robot: int, tick: int, neighbours: list[int]) -> Brief:
+        """What a robot is told that takes part from ``tick`` on."""
+        return Brief(self._plan.robot(robot).pack(), tick, neighbours)
 
     def _handle(self, message: Note) -> None:
         """Anything but the hot path. Raises Ended when it ends the run."""
@@ -302,7 +304,7 @@ class Host:
         patience = Patience()
         since, heard = time.monotonic(), 0
         while leaving:
-            patience_s = min(FAREWELL_S, self._scenario.run.patience_s)
+            patience_s = min(FAREWELL_S, self._plan.run.patience_s)
             if hasty or not leaving & self._connected:  # what they said last may be on its way
                 patience_s = HASTY_FAREWELL_S
             if patience.lost(heard):
@@ -329,7 +331,7 @@ class Host:
 
     def _is_before(self, robot: int, other: int | None) -> bool:
         """Whether a robot comes first in the scenario's file."""
-        ids = self._scenario.ids
+        ids = self._plan.ids
         return other in ids and ids.index(robot) < ids.index(other)
 
     def _tell(self, robot: int, message: Message) -> None:
@@ -348,7 +350,7 @@ class Host:
                 self._keys.robots_alive, self._on_robot_liveliness, history=True
             ),
             bus.on_robots_message(
-                self._session, self._keys, self._scenario.ids, self._on_message, self._refuse
+                self._session, self._keys, self._plan.ids, self._on_message, self._refuse
             ),
         ]
 

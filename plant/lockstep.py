@@ -9,10 +9,9 @@ from collections.abc import Callable, Mapping
 
 import zenoh
 
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire.messages import (
     KILL,
-    Brief,
     CatchUp,
     Drive,
     End,
@@ -49,13 +48,13 @@ class LockstepPlant(Host):
     def __init__(
         self,
         session: zenoh.Session,
-        scenario: Scenario,
+        plan: Plan,
         run: str,
         sink: Callable[[Streamed], None],
         start_patience_s: float | None = None,
     ) -> None:
-        super().__init__(session, scenario, run, sink, start_patience_s)
-        self._world = World(scenario)
+        super().__init__(session, plan, run, sink, start_patience_s)
+        self._world = World(plan)
         self._gone: list[Gone] = []  # who was lost, unplanned
         self._paused: set[int] = set()
         self._stir_at = NEVER  # the tick at which they have to take in what they have been sent
@@ -94,14 +93,14 @@ class LockstepPlant(Host):
         """
         world = self._world
         waiting: dict[int, Waiting] = {}  # what each robot has said last of whom it waits for
-        patience, last_patience = Patience(), Patience(self._scenario.run.patience_s)
+        patience, last_patience = Patience(), Patience(self._plan.run.patience_s)
         beat = Patience()
         while True:
             tick, awaited = world.tick, world.awaited()
             if patience.lost(tick):
                 self._complain("answer", _culprits(awaited, waiting, tick))
             if last_patience.lost((tick, awaited)):
-                why = f"did not answer for {self._scenario.run.patience_s:g} s"
+                why = f"did not answer for {self._plan.run.patience_s:g} s"
                 for robot in _culprits(awaited, waiting, tick):
                     self._lose(robot, why)
                 waiting.clear()
@@ -158,9 +157,9 @@ class LockstepPlant(Host):
             self._wait("catch up", stirred, self._has_caught_up)
             self._sink(Stir([robot for robot in stirred if robot in self._paused], False))
             self._stir_at = NEVER
-        degree = max((len(self._scenario.neighbours_of[r]) for r in self._paused), default=0)
+        degree = max((len(self._plan.neighbours_of[r]) for r in self._paused), default=0)
         if degree:
-            ticks = max(1, _MOST_UNREAD // degree) * self._scenario.clock.broadcast_every
+            ticks = max(1, _MOST_UNREAD // degree) * self._plan.clock.broadcast_every
             self._stir_at = min(self._stir_at, world.tick + ticks)
         else:
             self._stir_at = NEVER
@@ -205,7 +204,7 @@ class LockstepPlant(Host):
 
     def _welcome(self, restarted: list[int]) -> None:
         """Brief new processes, and have them and their neighbours meet."""
-        world, neighbours = self._world, self._scenario.neighbours_of
+        world, neighbours = self._world, self._plan.neighbours_of
         self._ready.clear()
         self._wait("join", restarted, self._has_joined, least_s=START_PATIENCE_S)
         here = [robot for robot in world.up if robot in self._joined]
@@ -214,7 +213,7 @@ class LockstepPlant(Host):
             new = robot in restarted
             met = [r for r in neighbours[robot] if r in here and (new or r in restarted)]
             if new:
-                self._tell(robot, Brief(self._brief, world.tick, met))
+                self._tell(robot, self._brief(robot, world.tick, met))
                 for gone in self._gone:
                     self._tell(robot, gone)
             elif met:
@@ -237,7 +236,7 @@ class LockstepPlant(Host):
         Who takes too long is lost, unless it is ``dying`` anyway.
         """
         patience = Patience()
-        last_patience = Patience(max(least_s, self._scenario.run.patience_s))
+        last_patience = Patience(max(least_s, self._plan.run.patience_s))
         while True:
             here = robots if dying else [*self._world.up, *self._paused]
             left = [robot for robot in robots if robot in here and not done(robot)]
@@ -268,7 +267,7 @@ class LockstepPlant(Host):
     def _lose(self, robot: int, why: str) -> None:
         """Go on without ``robot``, or end the run."""
         world = self._world
-        if self._scenario.run.on_unscheduled_loss == "abort":
+        if self._plan.run.on_unscheduled_loss == "abort":
             raise Ended(self._outcome("lost", robot, why))
         with self._lock:
             tick, t_ns = world.tick, world.t_ns

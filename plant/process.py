@@ -9,7 +9,7 @@ from typing import IO
 
 import zenoh
 
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire import bus
 from formnet.formation.wire.process import on_stop
 from formnet.formation.wire.record import Event, Outcome, Streamed, writer
@@ -20,7 +20,7 @@ from formnet.plant.watch import Watched
 
 
 def main(
-    scenario: Scenario,
+    plan: Plan,
     *,
     run: str,
     record: str | None,
@@ -50,25 +50,25 @@ def main(
         listen=listen,
         connect=connect,
         credentials=credentials,
-        robots=scenario.ids,
+        robots=list(plan.ids),
         plaintext=plaintext,
         lease_s=lease_s,
     )
-    kind = RealtimePlant if scenario.clock.mode == "realtime" else LockstepPlant
+    kind = RealtimePlant if plan.clock.mode == "realtime" else LockstepPlant
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error
     with ExitStack() as recording:
         sink = recording.enter_context(_sink(record))  # first: it takes stray prints away
         with opened as session:
-            watched = Watched(session, scenario, run)
+            watched = Watched(session, plan, run)
 
             def take(record: Streamed) -> None:
                 sink(record)
                 watched.take(record)
 
-            plant = kind(session, scenario, run, take, start_patience_s)
-            on_stop(plant.stop, at_end_of_input=stop_at_end_of_input)
-            outcome = plant.run()
+            host = kind(session, plan, run, take, start_patience_s)
+            on_stop(host.stop, at_end_of_input=stop_at_end_of_input)
+            outcome = host.run()
             recording.close()  # first: who reads it need not wait for who watches
             watched.take_leave()
     return 0 if outcome.kind in ("completed", "diverged") else 3

@@ -11,14 +11,13 @@ from functools import partial
 
 import zenoh
 
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire.broadcast import HELLO, Envelope
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
     PROTOCOL,
     Ask,
     Begin,
-    Brief,
     Drive,
     Join,
     Links,
@@ -50,22 +49,22 @@ class RealtimePlant(Host):
     def __init__(
         self,
         session: zenoh.Session,
-        scenario: Scenario,
+        plan: Plan,
         run: str,
         sink: Callable[[Streamed], None],
         start_patience_s: float | None = None,
     ) -> None:
-        super().__init__(session, scenario, run, sink, start_patience_s)
-        self._world = TimedWorld(scenario)
-        self._aborts = scenario.run.on_unscheduled_loss == "abort"
+        super().__init__(session, plan, run, sink, start_patience_s)
+        self._world = TimedWorld(plan)
+        self._aborts = plan.run.on_unscheduled_loss == "abort"
         self._origin_ns = 0
         self._heard_s: dict[int, float] = {}  # when each robot said something last
         self._sensed: dict[int, tuple[int, int]] = {}  # each robot's last question, and when
-        self._latency_s = {robot: Spread() for robot in scenario.ids}  # sense to drive
+        self._latency_s = {robot: Spread() for robot in plan.ids}  # sense to drive
         self._driven: dict[int, tuple[int, int]] = {}  # each robot's last drive: period, when
         self._lost_ns: dict[int, int] = {}  # when robots were lost
         self._before: dict[int, tuple[int, int]] = {}  # periods and missed ones of earlier lives
-        self._period_ns = scenario.clock.control_period_ns
+        self._period_ns = plan.clock.control_period_ns
         self._lateness_s = Spread()
         self._timings: dict[int, Timing] = {}
         self._worst_s: dict[int, float] = {}  # each robot's greatest uncertainty of time
@@ -73,7 +72,7 @@ class RealtimePlant(Host):
         self._witness = Witness()
         self._witnessed: set[int] = set()  # whose broadcasts are listened to
         self._dead: set[int] = set()  # killed or lost, and not restarted
-        for happening in scenario.roster().happenings():
+        for happening in plan.roster().happenings():
             if happening.verb == "kill":
                 self._watch(happening.robots)
 
@@ -92,7 +91,7 @@ class RealtimePlant(Host):
         self._origin_ns = time.monotonic_ns()
         self._running = True
         now_s = time.monotonic()
-        for robot in self._scenario.ids:
+        for robot in self._plan.ids:
             self._heard_s[robot] = now_s
             self._tell(robot, Begin(0))
         report_at = now_s
@@ -140,9 +139,9 @@ class RealtimePlant(Host):
 
     def _look_for_silent(self) -> None:
         """Go on without those from whom nothing has come for too long."""
-        patience_s, now_s = self._scenario.run.patience_s, time.monotonic()
+        patience_s, now_s = self._plan.run.patience_s, time.monotonic()
         t_ns = self._t_ns()
-        for robot in self._scenario.ids:
+        for robot in self._plan.ids:
             if self._world.up(robot, t_ns) and now_s - self._heard_s[robot] > patience_s:
                 self._lose(robot, f"did not ask or drive for {patience_s:g} s")
 
@@ -170,17 +169,17 @@ class RealtimePlant(Host):
         robot = join.robot
         if join.protocol != PROTOCOL:
             self._refuse(robot, f"speaks protocol {join.protocol}, not {PROTOCOL}")
-        elif robot in self._scenario.ids and robot not in self._joined:
+        elif robot in self._plan.ids and robot not in self._joined:
             self._joined.add(robot)
             self._sensed.pop(robot, None)
             self._driven[robot] = -1, self._t_ns()
-            tick = self._t_ns() // self._scenario.clock.control_period_ns
-            self._tell(robot, Brief(self._brief, tick, []))
+            tick = self._t_ns() // self._plan.clock.control_period_ns
+            self._tell(robot, self._brief(robot, tick, []))
 
     def _note(self, timing: Timing) -> None:
         self._timings[timing.robot] = timing
         worst_s = max(self._worst_s.get(timing.robot, 0.0), timing.uncertainty_s)
-        bound_s = self._scenario.clock.sync_bound_s
+        bound_s = self._plan.clock.sync_bound_s
         if worst_s > bound_s >= self._worst_s.get(timing.robot, 0.0):
             details = {"robot": timing.robot, "uncertainty_s": worst_s, "bound_s": bound_s}
             self._sink(Event("clock uncertain", self._t_ns(), details))
@@ -188,7 +187,7 @@ class RealtimePlant(Host):
 
     def _miss(self, robots: list[int], outcome: Outcome) -> Outcome:
         """Who had not driven any more at the end is lost since then."""
-        timeout_ns = nanoseconds(self._scenario.plant.drive_timeout_s)
+        timeout_ns = nanoseconds(self._plan.plant.drive_timeout_s)
         for robot in robots:
             driven_ns = self._driven.get(robot, (-1, 0))[1]
             if not self._world.up(robot, outcome.t_ns) or outcome.t_ns - driven_ns <= timeout_ns:
@@ -231,7 +230,7 @@ class RealtimePlant(Host):
     def _watch(self, robots: Iterable[int]) -> None:
         """Count what is sent to ``robots``."""
         for robot in robots:
-            neighbours = self._scenario.neighbours_of[robot]
+            neighbours = self._plan.neighbours_of[robot]
             with self._lock:
                 self._witness.watch(robot, neighbours)
             self._subscriptions += [
@@ -252,7 +251,7 @@ class RealtimePlant(Host):
 
     def _last_words(self) -> None:
         """What nobody has told of, and how well time was kept."""
-        self._bury(self._scenario.ids)
+        self._bury(self._plan.ids)
         robots = {}
         for robot, timing in sorted(self._timings.items()):
             periods, missed = self._counts(robot)

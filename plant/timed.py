@@ -7,8 +7,8 @@ caller says what time it is; every robot is sampled at exactly the recorded inst
 
 import math
 
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.plan.roster import Happening, Roster
-from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.record import Sample
 from formnet.formation.wire.state import State, finite
 from formnet.netem.files.tables import nanoseconds
@@ -37,21 +37,20 @@ class TimedWorld:
         extremes: those of the motion, over the ticks to which everybody has come.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._ids = scenario.ids
+    def __init__(self, plan: Plan) -> None:
+        self._ids = list(plan.ids)
         self.diverged: Diverged | None = None
-        self._roster: Roster = scenario.roster()
-        self._control_ns = scenario.clock.control_period_ns
-        self._sample_ns = scenario.clock.broadcast_period_ns
-        self._ticks = scenario.ticks
+        self._roster: Roster = plan.roster()
+        self._control_ns = plan.clock.control_period_ns
+        self._sample_ns = plan.clock.broadcast_period_ns
+        self._ticks = plan.ticks
         self._end_ns = self._ticks * self._control_ns
-        self._sample_every = scenario.clock.broadcast_every
-        self._timeout_ns = nanoseconds(scenario.plant.drive_timeout_s)
-        self._plant = scenario.plant
-        self._dynamic = scenario.law.level == "dynamic"
+        self._sample_every = plan.clock.broadcast_every
+        self._timeout_ns = nanoseconds(plan.plant.drive_timeout_s)
+        self._plant = plan.plant
+        self._dynamic = plan.law.level == "dynamic"
         self._tracks = {
-            robot: _Track(Body.of(scenario.vehicles[robot]), scenario.start_state(robot))
-            for robot in self._ids
+            robot: _Track(Body.of(plan.vehicles[robot]), plan.starts[robot]) for robot in self._ids
         }
         self._happenings: list[Happening] = self._roster.happenings()
         self.extremes = Extremes(self._ids, dynamic=self._dynamic)

@@ -12,8 +12,7 @@ from typing import Any
 import msgpack
 import zenoh
 
-from formnet.formation.scenario.loading import dumps
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire import bus
 from formnet.formation.wire.record import Event, Outcome, Stir, Streamed, pack
 
@@ -24,9 +23,9 @@ LEAVE_S = 1.0
 class Watched:
     """Offers run ``run`` on ``session``; a sink (:meth:`take`) beside the record's own."""
 
-    def __init__(self, session: zenoh.Session, scenario: Scenario, run: str) -> None:
+    def __init__(self, session: zenoh.Session, plan: Plan, run: str) -> None:
         keys = bus.Keys(run)
-        self._scenario = dumps(scenario.without_hosts)
+        self._scenario = plan.scenario
         self._told: list[bytes] = []  # events so far, and the outcome
         self._number = 0  # of the next message
         self._lock = threading.Lock()

@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.plan.roster import Happening, Roster
-from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.messages import Drive, Sense
 from formnet.formation.wire.record import LinkRow, Sample
 from formnet.formation.wire.state import State, finite
@@ -65,27 +65,27 @@ class World:
         extremes: those of the motion, over the ticks that are complete.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.ids = scenario.ids
+    def __init__(self, plan: Plan) -> None:
+        self.ids = list(plan.ids)
         self.tick = 0
         self.finished = False
         self.diverged: Diverged | None = None
-        self._roster: Roster = scenario.roster()
-        self._neighbours = scenario.neighbours_of
-        self._plant = scenario.plant
+        self._roster: Roster = plan.roster()
+        self._neighbours = plan.neighbours_of
+        self._plant = plan.plant
         self._down_rows: list[LinkRow] = []
         self.up: list[int] = []
         self.changed = True
         self.happenings: list[Happening] = []
         self._open: set[int] = set()  # who has not answered yet
         self._next_change = 0  # the next tick at which somebody goes down or comes back
-        self._ticks = scenario.ticks
-        self._period_ns = scenario.clock.control_period_ns
+        self._ticks = plan.ticks
+        self._period_ns = plan.clock.control_period_ns
         self._period_s = self._period_ns * 1e-9
-        self._record_every = scenario.clock.broadcast_every
-        self._dynamic = scenario.law.level == "dynamic"
-        self._bodies = {robot: Body.of(scenario.vehicles[robot]) for robot in self.ids}
-        self._states = {robot: scenario.start_state(robot) for robot in self.ids}
+        self._record_every = plan.clock.broadcast_every
+        self._dynamic = plan.law.level == "dynamic"
+        self._bodies = {robot: Body.of(plan.vehicles[robot]) for robot in self.ids}
+        self._states = {robot: plan.starts[robot] for robot in self.ids}
         self._next: dict[int, State] = {}
         self._drives: dict[int, Drive] = {}  # of this tick
         self.extremes = Extremes(self.ids, dynamic=self._dynamic)

@@ -19,6 +19,7 @@ import msgpack
 from formnet.agent.law import Command
 from formnet.agent.robot import Robot
 from formnet.agent.timed import TimedRobot
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import messages
 from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag, sealed
@@ -51,7 +52,7 @@ from formnet.lab.scenarios.packaged import CONFIGS
 _STATE = State(1.5, -2.5, 0.25, 0.0, -1e-3)
 _LOCKSTEP: Sequence[messages.Message] = (
     Join(1, 3),
-    Brief("name = 'x'", 0, [1, 2]),
+    Brief('{"robot": 1}', 0, [1, 2]),
     Meet(5, [2]),
     Ready(1, 0),
     Gone(3, 17),
@@ -90,8 +91,8 @@ def fuzz(count: int, seed: int) -> Fuzzed:
     draw = random.Random(seed)
     scenario = load(CONFIGS / "paper" / "section5.toml")
     found = Fuzzed(Counter(), Counter(), [])
-    virtual = Robot(scenario, 1, run="run", law=_Nothing())
-    timed = TimedRobot(scenario, 1, run="run", law=_Nothing())
+    virtual = Robot(resolve(scenario).robot(1), run="run", law=_Nothing())
+    timed = TimedRobot(resolve(scenario).robot(1), run="run", law=_Nothing())
     valid = [encode(message) for message in _LOCKSTEP]
     broadcast = Broadcast(run_tag("run"), 2, 3, 30_000_000, _STATE).pack()
     envelope = Envelope(2, 3, 30).pack()

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 from formnet.agent.law import accepts
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.lab.claims import figures, report
 from formnet.lab.claims.beyond import COMPARED
@@ -20,7 +21,7 @@ from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
 from formnet.lab.cli import main
 from formnet.lab.commands.many import claims as command
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.packaged import CONFIGS
 
@@ -52,7 +53,7 @@ def test_every_claim_and_case_has_a_name_of_its_own_and_a_scenario_that_loads():
     assert len(CLAIMS) == len(catalogue()) == 36
     assert len(SCENARIOS) == sum(len(claim.cases) for claim in CLAIMS.values())
     for scenario in SCENARIOS.values():
-        assert accepts(scenario) is None
+        assert accepts(resolve(scenario)) is None
     assert catalogue() == catalogue()  # the random graphs, too
 
 
@@ -275,7 +276,7 @@ def test_remark_9_s_figure_shows_both_laws_from_the_kill_on():
         case = next(c for c in CLAIMS["leader-follower"].cases if c.name == name)
         overrides = [text.replace("at_s=30", "at_s=0.3") for text in case.all_overrides]
         run = Collected(load(CONFIGS / case.scenario, [*overrides, "duration_s=0.6"]))
-        inline.run(run.scenario, "run", run)
+        Inline().run(resolve(run.scenario), run)
         runs.append(run)
     assert [run.scenario.law.kind for run in runs] == ["cooperative", "leader_follower"]
     assert [[(e.t_ns, e.details) for e in run.events if e.kind == "kill"] for run in runs] == [

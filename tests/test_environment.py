@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 import pytest
 from conftest import missing
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recorded import event_lines, read_verdict
@@ -457,17 +458,17 @@ def test_default_names_do_not_collide_within_a_second(tmp_path):
 
 def test_a_plant_runs_what_it_was_told_not_what_lies_on_the_disk(tmp_path, paper):
     """The folder's scenario is changed as soon as it is there; the run is of the one resolved."""
-    from formnet.lab.launch import inline
-    from formnet.lab.launch.execution import execute
+    from formnet.lab.launch.distributed import Distributed
+    from formnet.lab.launch.inline import Inline
     from formnet.lab.runs.recording import Collected, Recording, trajectory_sha256
 
     scenario = paper("section5", "duration_s=0.3")
     recording = Recording(tmp_path / "run", scenario)
     (tmp_path / "run" / "scenario.toml").write_text("this is no scenario")
-    outcome = execute(recording, recording, lambda: False, inline=False)
+    outcome = Distributed().run(resolve(scenario), recording)
     assert outcome.kind == "completed", outcome
     oracle = Collected(scenario)
-    inline.run(scenario, "oracle", oracle)
+    Inline().run(resolve(scenario), oracle)
     assert trajectory_sha256(recording.samples) == trajectory_sha256(oracle.samples)
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.state import State
@@ -235,7 +236,9 @@ def driven_to_the_end(world, command, shuffle=lambda robots: robots):
 
 def test_what_lies_between_two_broadcasts_is_seen():
     """At broadcasts 10 ms apart they are never closer than 0.24 m."""
-    world = driven_to_the_end(World(two()), lambda robot, _: (37.0 if robot == 7 else -37.0, 0.0))
+    world = driven_to_the_end(
+        World(resolve(two())), lambda robot, _: (37.0 if robot == 7 else -37.0, 0.0)
+    )
     found = world.extremes.details()
     assert found["closest"]["distance_m"] == pytest.approx(0.096, abs=1e-12)
     assert (found["closest"]["robots"], found["closest"]["t_s"]) == ([7, 3], 0.013)
@@ -252,7 +255,9 @@ def test_what_lies_between_two_broadcasts_is_seen():
 def test_a_command_counts_before_the_wheel_s_limit_and_in_either_wheel():
     limited = two("robot_defaults.wheel_torque_limit_nm=2.0", level="dynamic")
     commands = {(3, 4): (1.0, -900.0), (7, 4): (900.0, 1.0), (7, 9): (-899.0, 0.0)}
-    world = driven_to_the_end(World(limited), lambda *which: commands.get(which, (0.0, 0.0)))
+    world = driven_to_the_end(
+        World(resolve(limited)), lambda *which: commands.get(which, (0.0, 0.0))
+    )
     found = world.extremes.details()["top_command"]
     assert found == {"torque_nm": 900.0, "robot": 7, "t_s": 0.004}
     assert max(row.torque_right_nm for row in world.take_samples()) <= 2.0
@@ -262,10 +267,12 @@ def test_a_robot_that_is_dead_can_be_hit_and_is_no_source_of_commands():
     """Robot 3 dies where it started and stands; robot 7 drives by."""
     world = driven_to_the_end(
         World(
-            two(
-                'timeline=[{action="kill", at_s=0.0, robots=3}]',
-                "plant.body_on_failure=freeze",
-                "run.on_unscheduled_loss=continue",
+            resolve(
+                two(
+                    'timeline=[{action="kill", at_s=0.0, robots=3}]',
+                    "plant.body_on_failure=freeze",
+                    "run.on_unscheduled_loss=continue",
+                )
             )
         ),
         lambda *_: (37.0, 0.0),
@@ -280,7 +287,7 @@ def test_a_robot_that_is_dead_can_be_hit_and_is_no_source_of_commands():
 def test_where_everybody_is_down_bodies_move_on():
     kill = 'timeline=[{action="kill", at_s=0.005, robots="*"}]'
     world = driven_to_the_end(
-        World(two(kill, "plant.body_on_failure=coast")),
+        World(resolve(two(kill, "plant.body_on_failure=coast"))),
         lambda robot, _: (37.0 if robot == 7 else -37.0, 0.0),
     )
     assert world.extremes.details()["closest"]["t_s"] == 0.013
@@ -301,14 +308,14 @@ def test_the_order_of_answers_does_not_matter(seed, level):
         return robots
 
     found = [
-        driven_to_the_end(World(two(level=level)), lambda *which: asked[which], shuffle)
+        driven_to_the_end(World(resolve(two(level=level))), lambda *which: asked[which], shuffle)
         for shuffle in (shuffled, sorted, lambda robots: robots)
     ]
     assert len({repr(world.extremes.details()) for world in found}) == 1
 
 
 def test_a_tick_that_is_not_complete_does_not_count():
-    world = World(two())
+    world = World(resolve(two()))
     world.on_drive(Drive(3, 0, 1e6, 0.0))
     assert world.extremes.details()["closest"] is world.extremes.details()["top_command"] is None
     world.on_drive(Drive(7, 0, 1.0, 0.0))
@@ -319,7 +326,7 @@ def test_a_tick_that_is_not_complete_does_not_count():
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_command_that_is_not_finite_is_left_out_and_the_others_of_its_tick_are_not(bad):
-    world = World(two(level="dynamic"))
+    world = World(resolve(two(level="dynamic")))
     world.on_drive(Drive(7, 0, 1e6, bad))
     world.on_drive(Drive(3, 0, 5.0, -6.0))
     assert world.diverged is not None
@@ -335,7 +342,7 @@ def test_drives_at_the_ticks_have_the_same_extremes_in_real_time(level, seed):
     draw = random.Random(seed)
     settings = (f"law.level={level}", "duration_s=0.5")
     yard = load(CONFIGS / "yard.toml", settings)
-    virtual, timed = World(yard), TimedWorld(yard)
+    virtual, timed = World(resolve(yard)), TimedWorld(resolve(yard))
     while not virtual.finished:
         t_ns, tick = virtual.t_ns, virtual.tick
         for robot, sense in virtual.senses():
@@ -348,7 +355,7 @@ def test_drives_at_the_ticks_have_the_same_extremes_in_real_time(level, seed):
 
 
 def test_in_real_time_all_ticks_count_though_nobody_asks_at_them():
-    world = TimedWorld(two("plant.drive_timeout_s=1"))
+    world = TimedWorld(resolve(two("plant.drive_timeout_s=1")))
     world.drive(7, 0, 37.0, 0.0)
     world.drive(3, 0, -37.0, 0.0)
     world.advance(50 * MS)
@@ -358,7 +365,7 @@ def test_in_real_time_all_ticks_count_though_nobody_asks_at_them():
 
 
 def test_in_real_time_what_comes_after_a_divergence_does_not_count():
-    world = TimedWorld(two())
+    world = TimedWorld(resolve(two()))
     world.advance(MS)
     world.drive(7, 2 * MS, math.nan, 0.0)
     world.drive(3, 2 * MS, 99.0, 0.0)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.plan.fault import (
     FaultError,
     KillAction,
@@ -22,7 +23,7 @@ from formnet.formation.plan.roster import Roster, Span
 from formnet.formation.scenario.loading import ScenarioError, load, loads
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.state import State
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected, trajectory_sha256
 from formnet.netem import IN_FLIGHT
 from formnet.netem.core.transit import LOST_DOWN
@@ -36,7 +37,7 @@ MS = 1_000_000
 def collected(scenario):
     """What an inline run of ``scenario`` reports."""
     found = Collected(scenario)
-    inline.run(scenario, "run", found)
+    Inline().run(resolve(scenario), found)
     return found
 
 
@@ -412,7 +413,7 @@ def heard_by_2(paper, *overrides):
     from formnet.formation.wire.messages import Sense
 
     scenario = paper("section5-delay", *overrides)
-    robot = Robot(scenario, 2, run="run", law=Notes())
+    robot = Robot(resolve(scenario).robot(2), run="run", law=Notes())
     roster = scenario.roster()
     for tick in range(scenario.ticks + 1):
         for source in (1, 3):
@@ -461,7 +462,7 @@ def test_fixed_playout_makes_random_delay_constant(paper):
 @given(st.data())
 def test_the_plant_goes_on_without_whom_it_lost_and_takes_no_word_of_it(paper, data):
     """Robots are lost in any order, before or after their answer of a tick."""
-    world = World(paper("section5-delay", "duration_s=0.2", "clock.control_period_s=0.01"))
+    world = World(resolve(paper("section5-delay", "duration_s=0.2", "clock.control_period_s=0.01")))
     gone = {}
     begun = world.up[:]
     while not world.finished:

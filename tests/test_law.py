@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from formnet.agent.cooperative import CooperativeLaw
 from formnet.agent.excitation import W1Signal
-from formnet.agent.law import BodyEstimate, Situation, parameters
+from formnet.formation.briefing.situation import BodyEstimate, Situation, parameters
 from formnet.formation.scenario.law import W1, LawSettings
 from formnet.formation.wire.state import Stamped, State
 from formnet.plant.body import Body, driven

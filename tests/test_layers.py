@@ -36,6 +36,7 @@ BELOW: dict[str, set[str]] = {
     "formation.plan": set(),
     "formation.scenario": {"formation.wire", "formation.plan"},
     "formation.paper": {"formation.plan", "formation.scenario"},
+    "formation.briefing": {"formation.wire", "formation.plan", "formation.scenario"},
     "formation": set(),
     "agent": set(),
     "plant": set(),

@@ -7,13 +7,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from formnet.agent.law import BodyEstimate, Situation, accepts
+from formnet.agent.law import accepts
 from formnet.agent.leader_follower import LeaderFollowerLaw
+from formnet.formation.briefing.resolving import resolve
+from formnet.formation.briefing.situation import BodyEstimate, Situation
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.loading import ScenarioError, load
 from formnet.formation.wire.state import Stamped, State
 from formnet.lab.judge import verdict
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.plant.body import steered
 
@@ -140,7 +142,7 @@ def scenario(root, *overrides):
 
 def test_a_scenario_with_a_bad_tree_says_so(root):
     bad = scenario(root, 'law.parameters.follows={ "1" = 5, "2" = 4, "3" = 4, "4" = 5 }')
-    assert "robot 2 follows robot 4, which is not its neighbour" in (accepts(bad) or "")
+    assert "robot 2 follows robot 4, which is not its neighbour" in (accepts(resolve(bad)) or "")
     with pytest.raises(ScenarioError):
         scenario(root, "law.parameters=3")
 
@@ -153,7 +155,7 @@ def test_it_fails_with_its_leaders_and_not_with_a_leaf(root, robot, at_s, holds)
     """Remark 9: without its leader a follower has nothing to go by; robots 2 and 3 lead nobody."""
     plan = [] if robot is None else [f'timeline=[{{at_s={at_s}, action="kill", robots={robot}}}]']
     recording = Collected(scenario(root, *plan))
-    inline.run(recording.scenario, "run", recording)
+    Inline().run(resolve(recording.scenario), recording)
     judged = verdict.of(recording, mode="inline", wall_s=1.0)
     assert judged["outcome"]["kind"] == "completed"
     assert judged["claims"]["formation"]["observed"] is holds

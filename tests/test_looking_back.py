@@ -14,11 +14,12 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load, loads
 from formnet.formation.wire.record import Event, Outcome
 from formnet.lab.cli import main
 from formnet.lab.judge.claim_words import ENDS
-from formnet.lab.launch.inline import run as run_inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages import report
 from formnet.lab.runs.keypaths import by_path, shown
@@ -90,7 +91,7 @@ class Page(HTMLParser):
 def test_what_is_read_is_what_was_recorded(tmp_path):
     scenario = load(SECTION5, SHORT)
     recording = Recording(tmp_path / "run", scenario)
-    run_inline(scenario, "test", recording)
+    Inline().run(resolve(scenario), recording)
     recording.save()
     back = read_run(tmp_path / "run")
     assert back.problems == ["has no verdict.json"]

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
-from formnet.agent.law import make, parameters
+from formnet.agent.law import make
+from formnet.formation.briefing.resolving import resolve
+from formnet.formation.briefing.situation import parameters
 from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.state import Stamped, State
 from formnet.lab.figures import run_figures as figures
 from formnet.lab.judge import lyapunov, verdict
 from formnet.lab.judge.rises import Rise, rises
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 
 COMPENSATED = 'law.cross_term="compensated"'
@@ -23,7 +25,7 @@ EXACT = (
 
 def ran(scenario: Scenario) -> Collected:
     recording = Collected(scenario)
-    inline.run(scenario, "run", recording)
+    Inline().run(resolve(scenario), recording)
     return recording
 
 
@@ -44,8 +46,8 @@ class Oracle:
         self.trajectories = recording.trajectories
         self.delay = delay_samples
         kinematic = self.scenario.law.model_copy(update={"level": "kinematic"})
-        asked = self.scenario.model_copy(update={"law": kinematic})
-        self.laws = {robot: make(asked, robot) for robot in self.scenario.ids}
+        plan = resolve(self.scenario.model_copy(update={"law": kinematic}))
+        self.laws = {robot: make(plan.situation(robot)) for robot in plan.ids}
 
     def state(self, robot: int, k: int) -> State:
         row = self.trajectories.states[k, self.scenario.ids.index(robot)]

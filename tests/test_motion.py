@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.record import Event, Outcome
 from formnet.lab.cli import main
 from formnet.lab.judge import verdict
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis import trial
 from formnet.lab.pages.report import write_report
 from formnet.lab.runs.difference import other_extremes
@@ -74,7 +75,7 @@ def change_verdict(folder, change):
 
 def collected(scenario, **how):
     found = Collected(scenario)
-    inline.run(scenario, "run", found, **how)
+    Inline().run(resolve(scenario), found, **how)
     return found
 
 
@@ -90,7 +91,7 @@ def collected(scenario, **how):
 def test_a_run_tells_its_extremes_once_and_before_how_it_ended(paper, overrides, how, ends):
     records = []
     scenario = paper("section5-delay", *overrides)
-    outcome = inline.run(scenario, "run", records.append, **how)
+    outcome = Inline().run(resolve(scenario), records.append, **how)
     assert outcome.kind == ends
     assert isinstance(records[-1], Outcome)
     assert isinstance(records[-2], Event)
@@ -101,12 +102,12 @@ def test_a_run_tells_its_extremes_once_and_before_how_it_ended(paper, overrides,
     assert all(some is not None and some["t_s"] <= outcome.t_ns / 1e9 for some in found.values())
 
 
-def test_a_run_that_never_began_has_none(paper, monkeypatch):
-    def bad(*_):
+def test_a_run_that_never_began_has_none(paper):
+    def bad(_):
         raise ValueError("no")
 
-    monkeypatch.setattr(inline, "make", bad)
-    found = collected(paper("section5-delay", "duration_s=0.1"))
+    found = Collected(paper("section5-delay", "duration_s=0.1"))
+    Inline(law=bad).run(resolve(found.scenario), found)
     assert found.outcome.kind == "failed"
     assert found.motion is None
     assert verdict.of(found, mode="inline", wall_s=1.0)["motion"] is None

@@ -10,11 +10,13 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.record import Event
 from formnet.lab.cli import main
 from formnet.lab.commands.many import nemesis as command
 from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis.consistency import inconsistencies
 from formnet.lab.nemesis.schedule import draw, scheduled
 from formnet.lab.nemesis.shrink import shrunk
@@ -97,7 +99,7 @@ def record(root):
         ],
     )
     found = Collected(scenario)
-    inline.run(scenario, "run", found)
+    Inline().run(resolve(scenario), found)
     return found
 
 
@@ -275,7 +277,7 @@ def test_what_fails_without_anything_becomes_nothing():
 
 
 def trial(scenario, episodes, **settings):
-    values = {"inline": True, "twice": False, "limit_s": 60.0, **settings}
+    values = {"engine": "inline", "twice": False, "limit_s": 60.0, **settings}
     return Trial(scenario, SEED, episodes, **values)
 
 
@@ -454,5 +456,5 @@ def test_distributed_runs_are_compared_with_inline_ones(paper):
     )
     episodes = draw(scenario, 4, 0.25)
     assert {"kill", "pause"} <= {e.action["action"] for e in episodes}
-    found = tried(trial(scenario, episodes, inline=False, twice=True), lambda: False)
+    found = tried(trial(scenario, episodes, engine="distributed", twice=True), lambda: False)
     assert found.problems == []

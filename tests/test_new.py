@@ -11,12 +11,13 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.graph import laplacian
 from formnet.formation.scenario.loading import load, loads
 from formnet.lab.cli import main
 from formnet.lab.forecast.stiffness import warnings
 from formnet.lab.judge import verdict
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.new import (
     PATTERNS,
@@ -84,7 +85,7 @@ RUNS = [
 )
 def test_a_run_holds_what_it_claims(wish):
     collected = Collected(loads(scenario_text(wish)))
-    inline.run(collected.scenario, "x", collected)
+    Inline().run(resolve(collected.scenario), collected)
     judged = verdict.of(collected, mode="inline", wall_s=1.0)
     assert [judged["claims"][claim]["holds"] for claim in ("formation", "heading", "centroid")] == [
         True

@@ -4,11 +4,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.geometry import rotated
 from formnet.formation.paper.theory import CLAIMS
 from formnet.formation.wire.record import Samples
 from formnet.lab.judge import verdict
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Recording, Trajectories
 
 
@@ -20,7 +21,7 @@ def simulate(scenario):
         if isinstance(record, Samples):
             samples.extend(record.rows)
 
-    outcome = inline.run(scenario, "test", sink)
+    outcome = Inline().run(resolve(scenario), sink)
     return Trajectories(samples, len(scenario.ids)), outcome
 
 
@@ -72,7 +73,7 @@ def last_digit(value: float) -> float:
 def test_every_theorem_reaches_its_expected_verdict(paper, number, tmp_path):
     scenario = paper(f"theorem{number}")
     recording = Recording(tmp_path / "run", scenario)
-    inline.run(scenario, "test", recording)
+    Inline().run(resolve(scenario), recording)
     recording.save()
     judged = verdict.of(recording, mode="inline", wall_s=1.0)
     assert judged["theorem"] == number

@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.state import State
 from formnet.plant import model
@@ -252,7 +253,7 @@ def test_accelerations_satisfy_eq_1_up_to_the_constraint_force(b, state, right, 
 
 
 def test_world_takes_each_drive_once_and_only_for_its_tick(paper):
-    world = World(paper("section5", "duration_s=0.01"))
+    world = World(resolve(paper("section5", "duration_s=0.01")))
     with pytest.raises(ValueError, match="tick 1"):
         world.on_drive(Drive(1, 1, 0.0, 0.0))
     with pytest.raises(ValueError, match="robot 9"):
@@ -265,7 +266,7 @@ def test_world_takes_each_drive_once_and_only_for_its_tick(paper):
 
 
 def test_world_samples_every_broadcast_tick_and_the_end(paper):
-    world = World(paper("section5", "duration_s=0.025", "clock.broadcast_period_s=0.01"))
+    world = World(resolve(paper("section5", "duration_s=0.025", "clock.broadcast_period_s=0.01")))
     while not world.finished:
         for robot, sense in world.senses():
             world.on_drive(Drive(robot, sense.tick, 1.0, 2.0))
@@ -279,7 +280,7 @@ def test_world_samples_every_broadcast_tick_and_the_end(paper):
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
 def test_world_reports_divergence_of_the_first_robot_whatever_the_order(paper, bad):
     """A command that is not finite, or one whose state overflows."""
-    world = World(paper("section5", "duration_s=0.01"))
+    world = World(resolve(paper("section5", "duration_s=0.01")))
     for robot in (5, 4, 3, 2):
         world.on_drive(Drive(robot, 0, 0.0 if robot == 5 else bad, 0.0))
     assert not world.finished
@@ -290,7 +291,7 @@ def test_world_reports_divergence_of_the_first_robot_whatever_the_order(paper, b
 
 
 def test_who_runs_away_is_to_blame_not_who_hears_of_it(paper):
-    world = World(paper("section5", "duration_s=0.01"))
+    world = World(resolve(paper("section5", "duration_s=0.01")))
     for robot in world.ids:
         world.on_drive(Drive(robot, 0, 9e7 if robot == 4 else 0.0, 0.0))
     for robot in world.ids:

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from formnet.agent.law import Command
 from formnet.agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
 from formnet.formation.wire.messages import Drive, Measured
@@ -104,7 +105,7 @@ def test_drives_at_the_ticks_move_everybody_as_in_lockstep(level, seed):
     """To the bit: the same pieces of the same integrator."""
     draw = random.Random(seed)
     overrides = (f"law.level={level}", "duration_s=0.5", "robot_defaults.com_offset_m=0.1")
-    virtual, timed = World(scenario(*overrides)), TimedWorld(scenario(*overrides))
+    virtual, timed = World(resolve(scenario(*overrides))), TimedWorld(resolve(scenario(*overrides)))
     while not virtual.finished:
         t_ns, tick = virtual.t_ns, virtual.tick
         for robot, sense in virtual.senses():
@@ -121,7 +122,7 @@ def test_drives_at_the_ticks_move_everybody_as_in_lockstep(level, seed):
 
 @given(st.lists(st.integers(0, 500 * MS), max_size=30))
 def test_whoever_asks_changes_nothing(asked):
-    worlds = [TimedWorld(scenario("duration_s=0.5")) for _ in range(2)]
+    worlds = [TimedWorld(resolve(scenario("duration_s=0.5"))) for _ in range(2)]
     for world in worlds:
         world.drive(3, 0, 5.0, 4.0)
     for t_ns in sorted(asked):
@@ -135,7 +136,11 @@ def test_whoever_asks_changes_nothing(asked):
 
 def test_a_drive_counts_for_so_long_and_then_the_robot_brakes():
     world = TimedWorld(
-        scenario("law.level=kinematic", "plant.drive_timeout_s=0.2", "robots.1.start.heading_rad=0")
+        resolve(
+            scenario(
+                "law.level=kinematic", "plant.drive_timeout_s=0.2", "robots.1.start.heading_rad=0"
+            )
+        )
     )
     world.drive(1, 100 * MS, 2.0, 0.0)
     start = scenario().start_state(1)
@@ -152,7 +157,9 @@ def test_a_drive_counts_for_so_long_and_then_the_robot_brakes():
 )
 def test_a_robot_that_is_killed_does_what_bodies_do(body, speed):
     kill = 'timeline=[{action="kill", at_s=0.1, robots=1, restart_after_s=0.2}]'
-    world = TimedWorld(scenario("law.level=kinematic", f"plant.body_on_failure={body}", kill))
+    world = TimedWorld(
+        resolve(scenario("law.level=kinematic", f"plant.body_on_failure={body}", kill))
+    )
     world.drive(1, 0, 2.0, 0.0)
     assert [world.up(1, t * MS) for t in (99, 100, 299, 300)] == [True, False, False, True]
     assert world.measure(1, 200 * MS).speed_mps == pytest.approx(speed)
@@ -162,7 +169,7 @@ def test_a_robot_that_is_killed_does_what_bodies_do(body, speed):
 
 
 def test_a_lost_robot_and_a_command_that_is_no_number():
-    world = TimedWorld(scenario())
+    world = TimedWorld(resolve(scenario()))
     assert world.lose(2, 1_234_567_890) == 124
     assert not world.up(2, 1_240 * MS)
     world.drive(3, 1_500 * MS, math.nan, 0.0)
@@ -170,7 +177,7 @@ def test_a_lost_robot_and_a_command_that_is_no_number():
 
 
 def test_samples_are_complete_and_in_order_and_due_when_it_says():
-    world = TimedWorld(scenario("duration_s=0.33"))
+    world = TimedWorld(resolve(scenario("duration_s=0.33")))
     due = []
     while not due or due[-1] < world.end_ns:
         due.append(world.next_ns())
@@ -194,7 +201,7 @@ class Echo:
 
 def robot(*overrides):
     constant = 'network.default={delay={distribution="constant", mean_s=0.05}}'
-    return TimedRobot(scenario(constant, *overrides), 1, run="run", law=Echo())
+    return TimedRobot(resolve(scenario(constant, *overrides)).robot(1), run="run", law=Echo())
 
 
 def broadcast(source, sequence, stamp_ns, **changed):

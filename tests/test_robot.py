@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from formnet.agent.law import Command, LawFailed
 from formnet.agent.robot import Outgoing, Robot
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope, run_tag, sealed
 from formnet.formation.wire.messages import Drive, Links, Rejected, Sense, decode, encode
 from formnet.formation.wire.state import Stamped, State
@@ -60,7 +61,7 @@ def make(paper):
     def robot(*overrides, law=None, me=ME):
         defaults = ["clock.broadcast_period_s=0.001", *overrides]
         law = Notebook() if law is None else law
-        return Robot(paper("theorem2", *defaults), me, run=RUN, law=law), law
+        return Robot(resolve(paper("theorem2", *defaults)).robot(me), run=RUN, law=law), law
 
     return robot
 

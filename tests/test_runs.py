@@ -21,11 +21,13 @@ import pytest
 from conftest import missing
 from plugin import install
 
-from formnet.agent.law import Command, Situation
+from formnet.agent.law import Command
+from formnet.formation.briefing.resolving import resolve
+from formnet.formation.briefing.situation import Situation
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus, record
 from formnet.formation.wire.record import Event, Record
-from formnet.lab.launch.execution import execute
+from formnet.lab.launch.inline import Inline
 from formnet.lab.launch.launch import free_port
 from formnet.lab.runs import build
 from formnet.lab.runs.recording import Recording
@@ -613,7 +615,7 @@ def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tm
     recording = Sink(tmp_path / "run", load(Path(f"configs/{SECTION5}.toml")))
     before = signal.signal(number, lambda *_: interrupted.set())
     try:
-        outcome = execute(recording, recording, interrupted.is_set, inline=True)
+        outcome = Inline().run(resolve(recording.scenario), recording, interrupted.is_set)
     finally:
         signal.signal(number, before)
     assert (outcome.kind, outcome.t_ns) == ("interrupted", 3 * 10**6)

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.record import Event, Samples, read
@@ -450,9 +451,9 @@ def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
 
     held = []
     with ExitStack() as stack:
-        launch = Launch(scenario, "run", recording, out / "logs", where, lie)
+        launch = Launch(resolve(scenario), "run", recording, out / "logs", where, lie)
         until(lambda: lies <= told())
-        outcome = launch.wait(lambda: False, lambda: None)
+        outcome = launch.wait(lambda: False)
         held.clear()
     recording.save()
     assert outcome.kind == "completed"

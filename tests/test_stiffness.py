@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formnet.agent.law import Command
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import assess
 from formnet.formation.scenario.loading import load, loads
 from formnet.lab.cli import main
 from formnet.lab.forecast import stiffness
 from formnet.lab.forecast.stiffness import LIMIT, Look, course, longest_period_s, warnings
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.new import Wish, scenario_text
 
@@ -57,7 +58,7 @@ def sampled(root, family, factor):
 def breaks(scenario):
     """Whether the run diverges, or robots still whirl at its end (in the pattern: 0.5 rad/s)."""
     collected = Collected(scenario)
-    if inline.run(scenario, "x", collected).kind == "diverged":
+    if Inline().run(resolve(scenario), collected).kind == "diverged":
         return True
     return bool(abs(collected.latest().states[..., 4]).max() > 20.0)
 
@@ -114,7 +115,7 @@ def test_a_law_that_raises_is_warned_of(root, monkeypatch, error):
             raise error("none")
 
     scenario = load(root / "configs" / "yard.toml")
-    monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Broken())
+    monkeypatch.setattr(stiffness, "make", lambda situation: Broken())
     said = f"the law, tried before the run, failed: robot 1: {error.__name__}: none (test_stiffness"
     assert warnings(scenario)[-1].startswith(said)
 
@@ -140,11 +141,11 @@ def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
         advice,
     ).groups()
     assert float(steep) == pytest.approx(math.exp(0.1 * 25.0), rel=0.1)
-    assert inline.run(fleet(), "x", Collected(fleet())).kind == "diverged"
+    assert Inline().run(resolve(fleet()), Collected(fleet())).kind == "diverged"
     for change in (f"clock.control_period_s={period}", f"law.gamma={gamma}"):
         mended = fleet(change)
         assert not [warning for warning in warnings(mended) if "too long" in warning]
-        assert inline.run(mended, "x", Collected(mended)).kind == "completed"
+        assert Inline().run(resolve(mended), Collected(mended)).kind == "completed"
     assert not [warning for warning in warnings(fleet("timeline=[]")) if "too long" in warning]
 
 
@@ -156,7 +157,7 @@ def test_any_law_is_looked_at(root, monkeypatch):
             return Command(0.0, -8.0 * own.heading_rad)
 
     scenario = load(root / "configs" / "paper" / "theorem1.toml")
-    monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Turning())
+    monkeypatch.setattr(stiffness, "make", lambda situation: Turning())
     assert longest_period_s(course(scenario)) == pytest.approx(2.0 / 8.0)
 
 
@@ -170,7 +171,7 @@ def test_a_law_that_takes_its_time_is_not_followed_for_long(root, monkeypatch):
             return Command(0.0, -8.0 * own.heading_rad)
 
     scenario = load(root / "configs" / "paper" / "theorem1.toml")
-    monkeypatch.setattr(stiffness, "make", lambda scenario, robot: Slow())
+    monkeypatch.setattr(stiffness, "make", lambda situation: Slow())
     monkeypatch.setattr(stiffness.time, "monotonic", lambda: clock[0])
     assert len(course(scenario, 100.0)) == 2
     assert clock[0] == 2 * 55.0

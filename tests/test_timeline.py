@@ -4,10 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.plan.partition import PartitionAction
 from formnet.formation.scenario.loading import ScenarioError, dumps, load, loads
 from formnet.formation.wire.record import LinkRows
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.netem import Change, Cut, Heal, LinkOverrides, LinkSettings, Ramp, Timeline
 from formnet.netem.settings.links import SettingError
 from formnet.netem.settings.ramp import checked_parameter, ramped
@@ -287,7 +288,7 @@ def test_every_action_does_what_the_table_says_tick_by_tick(root):
         if isinstance(record, LinkRows):
             rows.extend(record.rows)
 
-    assert inline.run(scenario, "timeline", sink).kind == "completed"
+    assert Inline().run(resolve(scenario), sink).kind == "completed"
     found = {}
     for row in rows:
         key = (row.source, row.destination), row.t_sent_ns // MS

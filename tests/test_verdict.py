@@ -13,12 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import CLAIMS
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.messages import Rejected
 from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.lab.judge import verdict
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.folders import RunExists
 from formnet.lab.runs.recording import Recording, trajectory_sha256
 
@@ -392,7 +393,7 @@ def test_hash_of_a_run_can_be_computed_from_its_file(tmp_path, paper, name):
     hashes = []
     for folder in (tmp_path / "first", tmp_path / "second"):
         recording = Recording(folder, scenario)
-        outcome = inline.run(scenario, f"run-{folder.name}", recording)
+        outcome = Inline().run(resolve(scenario), recording)
         assert outcome.kind == "completed"
         recording.save()
         hashes.append(judge(recording)["trajectory_sha256"])
@@ -535,7 +536,7 @@ def test_run_of_one_robot_has_no_links_and_is_saved(tmp_path, paper):
     )
     scenario = paper("theorem4", *lone)
     recording = Recording(tmp_path / "run", scenario)
-    assert inline.run(scenario, "lone", recording).kind == "completed"
+    assert Inline().run(resolve(scenario), recording).kind == "completed"
     recording.save()
     judge(recording)
     assert pq.read_table(tmp_path / "run" / "links.parquet").num_rows == 0

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from formnet.formation.wire.record import LinkRow, Outcome, Sample
 from formnet.lab.cli import main
 from formnet.lab.commands.look import verify
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.difference import first_difference
 from formnet.lab.scenarios.packaged import CONFIGS
 
@@ -121,12 +122,12 @@ def test_a_run_that_ended_early_is_compared_up_to_there(copy):
 def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_run(
     copy, monkeypatch
 ):
-    def failing(recording, sink, stopped, *, inline, until_ns):
-        execute(recording, sink, stopped, inline=inline, until_ns=min(until_ns, 200_000_000))
-        return Outcome("failed", 200_000_000, 3, "ValueError: no")
+    class Failing(Inline):
+        def run(self, plan, sink, stopped, until_ns):
+            super().run(plan, sink, stopped, min(until_ns, 200_000_000))
+            return Outcome("failed", 200_000_000, 3, "ValueError: no")
 
-    execute = verify.execute
-    monkeypatch.setattr(verify, "execute", failing)
+    monkeypatch.setattr(verify, "engine", lambda *_: Failing())
     code, said = formnet("verify", copy)
     assert code == 3
     assert "could not be run again: failed, ValueError: no" in said

@@ -18,11 +18,12 @@ from conftest import missing
 from playwright.sync_api import sync_playwright
 from rerun.chunk import RrdReader
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.record import LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.lab.cli import main
-from formnet.lab.launch.execution import execute
+from formnet.lab.launch.distributed import Distributed
 from formnet.lab.launch.launch import LocalChild, Place, free_port
 from formnet.lab.machines import keys
 from formnet.lab.runs.recording import Recording, read_states, trajectory_sha256
@@ -305,7 +306,7 @@ def watched_run(folder, monitor_options, *sets, meanwhile=lambda monitor: None, 
 
     scheme = "tcp" if secure is None else "tls"
     place = Place(endpoint=f"{scheme}/127.0.0.1:{free_port()}", keys=secure) if secure else Place()
-    outcome = execute(recording, recording, lambda: False, inline=False, place=place, begun=begun)
+    outcome = Distributed(place=place, begun=begun).run(resolve(recording.scenario), recording)
     recording.save()
     assert outcome.kind == "completed", outcome
     return recording, monitors[0]

@@ -5,8 +5,9 @@ The name of a run, its random label on the bus and the time that has passed deci
 
 import pytest
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.broadcast import BROADCAST_BYTES
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected, trajectory_sha256
 from formnet.netem.core.statistics import Fate, summarise
 
@@ -20,7 +21,7 @@ LINKS = {
 
 def collected(scenario, name):
     run = Collected(scenario)
-    inline.run(scenario, name, run)
+    Inline().run(resolve(scenario), run)
     return run
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from saturated import SaturatedLaw
 
-from formnet.agent.law import situation
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.state import Stamped, State
 
@@ -14,7 +14,7 @@ SCENARIO = Path(__file__).with_name("saturated.toml")
 
 
 def test_speed_and_turn_rate_are_bounded_however_far_the_others_are():
-    law = SaturatedLaw(situation(load(SCENARIO), 2))
+    law = SaturatedLaw(resolve(load(SCENARIO)).situation(2))
     far = State(1e6, -1e6, 0.0, 0.0, 0.0)
     command = law.command(0, State(0.0, 0.0, 0.3, 0.0, 0.0), (Stamped(1, 0, far),))
     assert abs(command.first) == 1.5
@@ -24,7 +24,7 @@ def test_speed_and_turn_rate_are_bounded_however_far_the_others_are():
 def test_w_never_rises_without_delays():
     """W of the module's docstring, along a motion in short steps in which everybody hears all."""
     scenario = load(SCENARIO)
-    laws = {robot: SaturatedLaw(situation(scenario, robot)) for robot in scenario.ids}
+    laws = {robot: SaturatedLaw(resolve(scenario).situation(robot)) for robot in scenario.ids}
     states = {robot: scenario.start_state(robot) for robot in scenario.ids}
     step_s, before = 0.01, float("inf")
     for _ in range(6_000):
@@ -59,4 +59,4 @@ def test_parameters_that_cannot_work_are_refused(parameters):
     scenario.law.parameters.clear()
     scenario.law.parameters.update(parameters)
     with pytest.raises(ValueError, match=f"law.parameters.{name}"):
-        SaturatedLaw(situation(scenario, 1))
+        SaturatedLaw(resolve(scenario).situation(1))

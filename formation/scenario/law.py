@@ -1,9 +1,12 @@
 """``[law]``: which control law, and its parameters."""
 
+from collections.abc import Iterator
+from math import isfinite
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from formnet.netem.files.problems import shown
 from formnet.netem.files.tables import NonNegative, Positive, Table
 
 
@@ -91,3 +94,28 @@ class LawSettings(Table):
     parameters: dict[str, Any] = Field(
         default={}, description="The settings of a law that is not the built-in one."
     )
+
+    @field_validator("parameters")
+    @classmethod
+    def _plain(cls, parameters: dict[str, Any]) -> dict[str, Any]:
+        """Only what every robot can be told: a date or an infinite number is refused."""
+        for place, value in _leaves(parameters, ""):
+            number = isinstance(value, int | float)
+            if not (isinstance(value, str) or (number and isfinite(value))):
+                raise ValueError(
+                    f"{place} = {shown(value)}: must be text, a finite number, true or false, a "
+                    "list or a table"
+                )
+        return parameters
+
+
+def _leaves(value: Any, place: str) -> Iterator[tuple[str, Any]]:
+    """Every value in nested tables and lists, with its place."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(item, f"{place}.{key}" if place else key)
+    elif isinstance(value, list):
+        for number, item in enumerate(value):
+            yield from _leaves(item, f"{place}[{number}]")
+    else:
+        yield place, value

@@ -21,13 +21,13 @@ from formnet.formation.wire.state import State
 from formnet.formation.wire.tuples import make
 from formnet.netem.core.transit import FATES
 
-PROTOCOL: Final = 4
+PROTOCOL: Final = 5
 """Version of the messages; a robot and a plant must agree on it."""
 
 MOST_BYTES: Final = 8 * 2**20
-"""The longest message: a scenario with thousands of robots."""
+"""The longest message: a plan with thousands of robots."""
 MOST_TEXT: Final = 4000
-"""The longest text in them, in characters, but for the scenario."""
+"""The longest text in them, in characters, but for the plan."""
 
 
 class Join(NamedTuple):
@@ -38,12 +38,12 @@ class Join(NamedTuple):
 
 
 class Brief(NamedTuple):
-    """Plant to robot: the scenario (TOML text) to take part in, from ``tick`` on.
+    """Plant to robot: your plan, as JSON (``RobotPlan.pack``), from ``tick`` on.
 
     ``neighbours`` are those to meet first (see :class:`Meet`).
     """
 
-    scenario: str
+    plan: str
     tick: int
     neighbours: list[int]
 

@@ -7,23 +7,19 @@ import sys
 import threading
 from collections.abc import Callable
 
-END_OF_SCENARIO = b"\0"
-"""After a scenario that comes through standard input, which stays open as a leash."""
+END_OF_PLAN = b"\0"
+"""After a plan that comes through standard input, which stays open as a leash."""
 
 
-def read_scenario() -> str:
-    """The text on standard input up to END_OF_SCENARIO, or to its end.
-
-    Raises:
-        UnicodeDecodeError: it is not UTF-8.
-    """
+def read_plan() -> bytes:
+    """What comes on standard input up to END_OF_PLAN, or to its end."""
     text = bytearray()
-    while END_OF_SCENARIO not in text[-4096:]:
+    while END_OF_PLAN not in text[-4096:]:
         piece = os.read(sys.stdin.fileno(), 4096)
         if not piece:
             break
         text += piece
-    return bytes(text).partition(END_OF_SCENARIO)[0].decode("utf-8")
+    return bytes(text).partition(END_OF_PLAN)[0]
 
 
 def to_end() -> list[signal.Signals]:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.lab.claims import figures, report
 from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.results import Row
 from formnet.lab.claims.work import scenario_of
 from formnet.lab.figures.canvas import save
-from formnet.lab.launch import inline
+from formnet.lab.launch.inline import Inline
 from formnet.lab.runs import files
 from formnet.lab.runs.recording import Collected
 
@@ -41,6 +42,6 @@ def _remark_9(row: Row) -> Figure:
     for name in COMPARED:
         case = next(result.case for result in row.results if result.case.name == name)
         run = Collected(scenario_of(case))
-        inline.run(run.scenario, name, run)
+        Inline().run(resolve(run.scenario), run)
         runs.append(run)
     return figures.compared(*runs)

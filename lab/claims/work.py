@@ -4,12 +4,14 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.claims.claim import Case
 from formnet.lab.claims.results import Result
 from formnet.lab.judge import verdict
-from formnet.lab.launch.execution import execute
+from formnet.lab.launch import engine as execution
+from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.pool import Stopped
 from formnet.lab.runs.recording import Recording
 from formnet.lab.scenarios.packaged import CONFIGS
@@ -21,7 +23,7 @@ class Work(NamedTuple):
     claim: str
     case: Case
     folder: Path
-    inline: bool
+    engine: EngineName
 
 
 def cost(case: Case) -> float:
@@ -39,10 +41,10 @@ def do(item: Work, stopped: Stopped) -> Result:
     """
     recording = Recording(item.folder, scenario_of(item.case))
     began = time.monotonic()
-    execute(recording, recording, stopped, inline=item.inline)
+    engine = execution.engine(item.engine, item.folder / "logs")
+    engine.run(resolve(recording.scenario), recording, stopped)
     seconds = time.monotonic() - began
-    mode = "inline" if item.inline else "distributed"
-    judged = verdict.of(recording, mode=mode, wall_s=seconds)
+    judged = verdict.of(recording, mode=engine.name, wall_s=seconds)
     verdict.save(judged, item.folder)
     result = Result(item.case, judged, seconds)
     if result.as_expected:

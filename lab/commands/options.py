@@ -2,11 +2,14 @@
 
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from formnet.lab.commands.complete import run_folders, toml_files
+
+if TYPE_CHECKING:
+    from formnet.lab.launch.engine import EngineName
 
 
 class Command(click.Command):
@@ -73,7 +76,11 @@ FOLDER = click.argument(
     "folder", metavar="RUN", type=click.Path(path_type=Path), shell_complete=run_folders
 )
 INLINE_RUNS = click.option(
-    "--inline", is_flag=True, help="Every run in one process, as many at once as cores."
+    "--inline",
+    "engine",
+    flag_value="inline",
+    default="distributed",
+    help="Every run in one process, as many at once as cores.",
 )
 JOBS = click.option(
     "--jobs", type=Whole(1), help="Inline runs at once  [default: one for each core]"
@@ -127,13 +134,13 @@ def viewer(*, view: bool, web: bool) -> str | None:
     return "web" if web else "window" if view else None
 
 
-def need_inline(jobs: int | None, *, inline: bool) -> None:
+def need_inline(jobs: int | None, engine: "EngineName") -> None:
     """Refuse ``--jobs`` without ``--inline``.
 
     Raises:
         click.UsageError: so it was.
     """
-    if jobs is not None and not inline:
+    if jobs is not None and engine != "inline":
         raise click.UsageError("--jobs goes with --inline: a distributed run has all cores")
 
 

@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 from formnet.agent.law import UnknownLaw, accepts, foreign, load
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import assess
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.process import die_with_parent
@@ -41,7 +42,7 @@ def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
     """Try the law of a valid scenario; ``say`` takes where it is, if it takes long."""
     kind = scenario.law.kind
     if not foreign(kind):
-        problem = accepts(scenario)
+        problem = accepts(resolve(scenario))
         return Foresight(problem, [] if problem else stiffness.warnings(scenario))
     with _Trial(_try, scenario, say) as trial:
         problem = _first(trial, kind, GET_S)
@@ -60,7 +61,7 @@ def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
 def obstacle(scenario: Scenario, say: Say = lambda _: None) -> str | None:
     """Why the law of a valid scenario cannot be had, or None; ``say`` as for :func:`foresee`."""
     if not foreign(scenario.law.kind):
-        return accepts(scenario)
+        return accepts(resolve(scenario))
     with _Trial(_build, scenario, say) as trial:
         return _first(trial, scenario.law.kind, GET_S)
 
@@ -143,7 +144,7 @@ def _try(scenario: Scenario, found: Connection) -> None:
 
 
 def _build(scenario: Scenario, found: Connection) -> bool:
-    problem = accepts(scenario)
+    problem = accepts(resolve(scenario))
     found.send([] if problem is None else [problem])
     return problem is None
 

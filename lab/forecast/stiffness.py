@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from formnet.agent.base import pair
 from formnet.agent.law import RAISED, Law, LawFailed, failure, make
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import assess
 from formnet.formation.plan.roster import Happening
 from formnet.formation.scenario.model import Scenario
@@ -189,7 +190,8 @@ class _Way:
         self._every_ns = scenario.clock.broadcast_period_ns
         self._delays_ns = {link: _delay_ns(scenario, *link) for link in scenario.directed_links}
         self._neighbours = scenario.neighbours_of
-        self._laws: dict[int, Law] = {robot: make(scenario, robot) for robot in scenario.ids}
+        plan = resolve(scenario)
+        self._laws: dict[int, Law] = {robot: make(plan.situation(robot)) for robot in plan.ids}
         self._bodies = {robot: Body.of(scenario.vehicles[robot]) for robot in scenario.ids}
         self._states = {robot: scenario.start_state(robot) for robot in scenario.ids}
         self._broadcasts: deque[tuple[int, dict[int, State]]] = deque()

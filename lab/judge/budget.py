@@ -16,7 +16,7 @@ Whatever V gains beyond that is a rise (:mod:`lab.judge.rises`).
 
 import numpy as np
 
-from formnet.agent.law import body_estimate, parameters
+from formnet.formation.briefing.situation import body_estimate, parameters
 from formnet.lab.judge.closed_loop import Array, ClosedLoop, Eta
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from formnet.agent.law import parameters
+from formnet.formation.briefing.situation import parameters
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge.budget import budget
 from formnet.lab.judge.closed_loop import Array, ClosedLoop, Eta, Variables, shifted

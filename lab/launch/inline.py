@@ -7,13 +7,15 @@ fast way to run many scenarios.
 import traceback
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 
-from formnet.agent.law import RAISED, LawFailed, failure, make, place
+from formnet.agent.law import RAISED, LawFactory, LawFailed, failure, make, place
 from formnet.agent.robot import Robot
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Sink
 from formnet.lab.launch import stuck
+from formnet.lab.launch.engine import EngineName, never
 from formnet.lab.launch.signals import insisted
 from formnet.lab.runs.exits import Stop
 from formnet.netem.core.transit import IN_FLIGHT, LOST_DOWN
@@ -23,29 +25,46 @@ from formnet.plant.world import World
 _FLUSH_TICKS = 100
 
 
-def run(
-    scenario: Scenario,
-    name: str,
-    sink: Sink,
-    stopped: Callable[[], bool] = lambda: False,
-    log: Callable[[int, str], None] = lambda *_: None,
-    until_ns: int = NEVER,
-) -> Outcome:
-    """Run ``scenario`` as ``name``, reporting to ``sink``; ``stopped`` is asked now and then.
+class Inline:
+    """An :class:`~formnet.lab.launch.engine.Engine`.
 
-    ``log`` takes the number of a robot whose law raised, and the traceback. A signal to end
-    ends the run in the middle of a law that does not come back, too. What is at ``until_ns`` is
-    not run any more.
+    The traceback of a law that raised goes into ``logs``. ``law`` makes the law of every robot
+    instead of the one that the plan names.
     """
-    run = _Run(scenario, name, sink)
-    with stuck.told(run.complain, run.tick), insisted(lambda: run.at_work > 0):
-        return run.until_the_end(stopped, log, until_ns)
+
+    name: EngineName = "inline"
+
+    def __init__(self, logs: Path | None = None, law: LawFactory = make) -> None:
+        self._logs = logs
+        self._law = law
+
+    def run(
+        self,
+        plan: Plan,
+        sink: Sink,
+        stopped: Callable[[], bool] = never,
+        until_ns: int = NEVER,
+    ) -> Outcome:
+        """See :class:`~formnet.lab.launch.engine.Engine`.
+
+        A signal to end ends the run in the middle of a law that does not come back, too.
+        """
+        run = _Run(plan, sink, self._law, self._log)
+        with stuck.told(run.complain, run.tick), insisted(lambda: run.at_work > 0):
+            return run.until_the_end(stopped, until_ns)
+
+    def _log(self, robot: int, text: str) -> None:
+        if self._logs is not None:
+            self._logs.mkdir(exist_ok=True)
+            (self._logs / f"robot-{robot}.log").write_text(text, encoding="utf-8")
 
 
 class _Run:
-    def __init__(self, scenario: Scenario, name: str, sink: Sink) -> None:
-        self._scenario, self._name, self._sink = scenario, name, sink
-        self._world = World(scenario)
+    def __init__(
+        self, plan: Plan, sink: Sink, law: LawFactory, log: Callable[[int, str], None]
+    ) -> None:
+        self._plan, self._sink, self._law, self._log = plan, sink, law, log
+        self._world = World(plan)
         self._robots: dict[int, Robot] = {}  # those that have a process, or would have one
         self._began = False
         self.at_work = 0
@@ -60,16 +79,14 @@ class _Run:
         details = {"for": f"answer (it is at {where})", "robots": [self.at_work]}
         self._sink(Event("waiting", self._world.t_ns, details))
 
-    def until_the_end(
-        self, stopped: Callable[[], bool], log: Callable[[int, str], None], until_ns: int
-    ) -> Outcome:
+    def until_the_end(self, stopped: Callable[[], bool], until_ns: int) -> Outcome:
         """Run to the end, or to where it must end."""
         world = self._world
         try:
-            for robot in self._scenario.ids:
+            for robot in self._plan.ids:
                 self._start(robot)
             self._began = True
-            self._sink(Event("started", 0, {"robots": self._scenario.ids}))
+            self._sink(Event("started", 0, {"robots": list(self._plan.ids)}))
             while not world.finished and world.t_ns < until_ns:
                 if world.happenings:
                     self._happen()
@@ -82,7 +99,7 @@ class _Run:
                     if stopped():
                         return self._finish("interrupted", None, "stopped by the user")
         except LawFailed as error:
-            log(error.robot, "".join(traceback.format_exception(error.__cause__)))
+            self._log(error.robot, "".join(traceback.format_exception(error.__cause__)))
             return self._finish("failed", error.robot, str(error))
         except Stop as stop:
             where = f"in the law of robot {self.at_work}{place(stop)}"
@@ -96,9 +113,10 @@ class _Run:
     def _start(self, robot: int) -> None:
         self.at_work = robot
         try:
-            law = make(self._scenario, robot)
+            plan = self._plan.robot(robot)
+            law = self._law(plan.situation)
             self._robots[robot] = Robot(
-                self._scenario, robot, run=self._name, law=law, first_tick=self._world.tick
+                plan, run=self._plan.name, law=law, first_tick=self._world.tick
             )
         except RAISED as error:
             raise failure(robot, error) from error
@@ -125,7 +143,7 @@ class _Run:
             if outgoing is None:
                 continue
             payload, note = outgoing.payload, outgoing.envelope.pack()
-            for neighbour in self._scenario.neighbours_of[robot]:
+            for neighbour in self._plan.neighbours_of[robot]:
                 receiver = robots.get(neighbour)
                 self.at_work = neighbour
                 drive = None if receiver is None else receiver.on_broadcast(robot, payload, note)

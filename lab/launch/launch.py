@@ -21,10 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from formnet.formation.scenario.loading import dumps
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
-from formnet.formation.wire.process import END_OF_SCENARIO
+from formnet.formation.wire.process import END_OF_PLAN
 from formnet.formation.wire.record import Event, Outcome, Samples, Sink, Stir, read
 from formnet.lab.launch.refusals import LOG_FILTER, Refusals
 from formnet.lab.launch.signals import GRACE_S
@@ -113,7 +112,7 @@ HERE = Place()
 class Launch:
     """The processes of one run; the plant's records go to ``sink`` on a thread of its own.
 
-    The plant is told ``scenario`` through its leash; nothing is read from a file. ``name`` is the
+    The plant is told ``plan`` through its leash; nothing is read from a file. ``name`` is the
     run's id on the bus, ``logs`` where each child's standard error goes. ``endpoint`` is where the
     plant listens; ``begun`` is told before the robots are started.
 
@@ -124,7 +123,7 @@ class Launch:
 
     def __init__(
         self,
-        scenario: Scenario,
+        plan: Plan,
         name: str,
         sink: Sink,
         logs: Path,
@@ -142,12 +141,12 @@ class Launch:
         self._kill_at: float | None = None  # set once the run is being stopped
         self._todo: queue.SimpleQueue[Event | Stir | None] = queue.SimpleQueue()
         self._quiet = 0  # how often this process has looked since the plant's last record
-        self._patience_s = START_PATIENCE_S + scenario.run.patience_s  # with the plant, ...
-        self._later_patience_s = FAREWELL_S + 3.0 * scenario.run.patience_s  # ... once it runs
+        self._patience_s = START_PATIENCE_S + plan.run.patience_s  # with the plant, ...
+        self._later_patience_s = FAREWELL_S + 3.0 * plan.run.patience_s  # ... once it runs
         self._written_off: set[int] = set()  # killed as planned, or lost: no cause for alarm
         self._lives: Counter[int] = Counter()
         self._common = common = ["--run", name, "--leash"]
-        paused = any(some.verb == "pause" for some in scenario.roster().happenings())
+        paused = any(some.verb == "pause" for some in plan.roster().happenings())
         if place.endpoint is not None and not paused:  # a stopped process says nothing either
             common += ["--lease", str(LEASE_S)]
         logs.mkdir(parents=True, exist_ok=True)
@@ -168,17 +167,17 @@ class Launch:
                 *place.options,
             ],
         )
-        self.plant.tell(dumps(scenario.without_hosts).encode() + END_OF_SCENARIO)
+        self.plant.tell(plan.pack().encode() + END_OF_PLAN)
         self._log_reader: threading.Thread | None = None
         if self.plant.stderr is not None:
             self._log_reader = threading.Thread(
-                target=self._read_log, args=(Refusals(scenario, name),), daemon=True
+                target=self._read_log, args=(Refusals(plan, name),), daemon=True
             )
             self._log_reader.start()
         self.robots: dict[int, Child] = {}
         try:
             begun(endpoint, name)
-            for robot in scenario.ids:
+            for robot in plan.ids:
                 self.robots[robot] = self._spawn_robot(robot)
         except Exception:
             end([self.plant, *self.robots.values()], time.monotonic() + GRACE_S)
@@ -186,19 +185,19 @@ class Launch:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def wait(self, stopped: Callable[[], bool], tick: Callable[[], None]) -> Outcome:
-        """Until the run has ended one way or another; ``tick`` is called about ten times a second.
+    def wait(self, stopped: Callable[[], bool]) -> Outcome:
+        """Until the run has ended one way or another.
 
-        Once ``stopped`` says so, the run is ended in order within GRACE_S, or
-        else by force. On return no child is left and every record has gone to
-        the sink.
+        Once ``stopped``, which is asked about ten times a second, says so, the run is ended in
+        order within GRACE_S, or else by force. On return no child is left and every record has
+        gone to the sink.
         """
         dead_since: float | None = None
         try:
             while self._reader.is_alive():
                 self._do_next()
                 self._quiet += 1
-                now = time.monotonic()
+                now, asked = time.monotonic(), stopped()
                 dead = self._dead_robots()
                 if not dead:
                     dead_since = None
@@ -207,7 +206,7 @@ class Launch:
                 if self._kill_at is not None:
                     if now > self._kill_at:
                         self.plant.kill()
-                elif stopped():
+                elif asked:
                     self._asked = True
                     self._stop()
                 elif dead_since is not None and now - dead_since > GRACE_S and not self._outcome:
@@ -217,7 +216,6 @@ class Launch:
                 elif self._quiet * _LOOK_S > self._patience_s:
                     self._hung = True
                     self.plant.kill()
-                tick()
         finally:
             deadline = self._kill_at or time.monotonic() + GRACE_S
             end([self.plant, *self.robots.values()], deadline)

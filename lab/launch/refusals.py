@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.briefing.plan import Plan
 from formnet.formation.wire.bus import Keys
 from formnet.formation.wire.security import MONITOR, robot_name
 
@@ -37,7 +37,7 @@ class Refusal(NamedTuple):
 class Refusals:
     """Reads the log of the hub of ``run``, line by line."""
 
-    def __init__(self, scenario: Scenario, run: str) -> None:
+    def __init__(self, plan: Plan, run: str) -> None:
         keys = Keys(run)
         self._common = {
             robot_name(robot): {
@@ -46,17 +46,17 @@ class Refusals:
                 keys.robot_alive(robot),
                 keys.to_robot(robot),
                 keys.plant_alive,
-                *(keys.broadcast(other) for other in scenario.neighbours_of[robot]),
+                *(keys.broadcast(other) for other in plan.neighbours_of[robot]),
             }
-            for robot in scenario.ids
+            for robot in plan.ids
         }
         self._common[MONITOR] = {
             keys.broadcasts,
             keys.plant_alive,
             keys.watch,
             keys.history,
-            *(keys.broadcast(robot) for robot in scenario.ids),
-            *(keys.robot_alive(robot) for robot in scenario.ids),
+            *(keys.broadcast(robot) for robot in plan.ids),
+            *(keys.robot_alive(robot) for robot in plan.ids),
         }
         self._times: Counter[tuple[str, str, str]] = Counter()
         self._told: Counter[tuple[str, str]] = Counter()

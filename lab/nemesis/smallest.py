@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 
+from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.pool import Stopped
 from formnet.lab.nemesis.schedule import Episode
 from formnet.lab.nemesis.shrink import shrunk
@@ -19,20 +20,21 @@ def smallest(trial: Trial, finding: Finding, stopped: Stopped) -> list[Episode]:
     trials = 0
     deadline = time.monotonic() + MOST_SHRINKING_S
 
-    def fails(episodes: Sequence[Episode], *, inline: bool) -> bool:
+    def fails(episodes: Sequence[Episode], engine: EngineName) -> bool:
         nonlocal trials
         trials += 1
         if trials > MOST_TRIALS or over():
             return False
-        smaller = trial._replace(episodes=episodes, inline=inline, twice=True)
+        smaller = trial._replace(episodes=episodes, engine=engine, twice=True)
         return finding.kinds <= tried(smaller, over).kinds and not over()
 
     def over() -> bool:
         return stopped() or time.monotonic() > deadline
 
-    inline = trial.inline or fails(trial.episodes, inline=True)
+    also_inline = trial.engine == "inline" or fails(trial.episodes, "inline")
+    engine: EngineName = "inline" if also_inline else trial.engine
 
     def shorter(episode: Episode) -> Episode | None:
         return episode.shorter() if episode.end_s - episode.begin_s > 0.02 else None
 
-    return shrunk(trial.episodes, lambda some: fails(some, inline=inline), shorter)
+    return shrunk(trial.episodes, lambda some: fails(some, engine), shorter)

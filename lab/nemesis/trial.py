@@ -7,10 +7,11 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import CLAIMS
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import verdict
-from formnet.lab.launch.execution import execute
+from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.pool import Stopped
 from formnet.lab.nemesis.consistency import inconsistencies
 from formnet.lab.nemesis.schedule import Episode, scheduled
@@ -27,7 +28,7 @@ class Trial(NamedTuple):
     scenario: Scenario
     seed: int
     episodes: Sequence[Episode]
-    inline: bool
+    engine: EngineName
     twice: bool
     limit_s: float
 
@@ -66,12 +67,12 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
     """Do the run, twice if asked, and see whether all is well."""
     began = time.monotonic()
     scenario = scheduled(trial.scenario, trial.seed, trial.episodes)
-    run = _run(scenario, trial.limit_s, stopped, inline=trial.inline)
+    run = _run(scenario, trial.limit_s, stopped, trial.engine)
     problems = list(_problems(run, trial.limit_s))
     if trial.twice and not problems:
-        again = _run(scenario, trial.limit_s, stopped, inline=True)
+        again = _run(scenario, trial.limit_s, stopped, "inline")
         problems += _differences(run, again)
-    judged = verdict.of(run, mode="inline" if trial.inline else "distributed", wall_s=0.0)
+    judged = verdict.of(run, mode=trial.engine, wall_s=0.0)
     errors = {claim: judged["claims"][claim]["largest_in_window"] for claim in CLAIMS}
     if not problems:
         problems += _not_recovered(judged)
@@ -79,7 +80,7 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
     return Finding(problems, trajectory_sha256(run.samples), errors, seconds)
 
 
-def _run(scenario: Scenario, limit_s: float, stopped: Stopped, *, inline: bool) -> Collected:
+def _run(scenario: Scenario, limit_s: float, stopped: Stopped, how: EngineName) -> Collected:
     deadline = time.monotonic() + limit_s
 
     def over() -> bool:
@@ -88,7 +89,7 @@ def _run(scenario: Scenario, limit_s: float, stopped: Stopped, *, inline: bool) 
     folder = Path(mkdtemp(prefix="formnet-nemesis-"))
     try:
         recording = Recording(folder / "run", scenario)
-        execute(recording, recording, over, inline=inline)
+        engine(how, folder / "logs").run(resolve(scenario), recording, over)
         recording.close()
     finally:
         shutil.rmtree(folder)

@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.formation.wire.record import Record
 from formnet.lab.commands.options import RUNS, Command
@@ -21,7 +22,7 @@ from formnet.lab.judge.repetition import (
     planned_until_ns,
     what_happened,
 )
-from formnet.lab.launch.execution import execute
+from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recorded import Unreadable, read_whole
@@ -33,17 +34,23 @@ from formnet.netem.settings.timeline import NEVER
 
 @click.command("verify", cls=Command)
 @RUNS
-@click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
-def command(folders: tuple[Path, ...], distributed: bool) -> None:
+@click.option(
+    "--distributed",
+    "engine",
+    flag_value="distributed",
+    default="inline",
+    help="Run again in many processes  [default: in one]",
+)
+def command(folders: tuple[Path, ...], engine: "EngineName") -> None:
     """Run recorded runs again; compare every bit.
 
     Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
     2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
     """
-    sys.exit(verify_runs(folders, inline=not distributed))
+    sys.exit(verify_runs(folders, engine))
 
 
-def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
+def verify_runs(folders: Sequence[Path], how: EngineName) -> int:
     """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all."""
     console = Console(highlight=False)
     codes = []
@@ -53,7 +60,7 @@ def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
                 codes.append(INTERRUPTED)
                 break
             try:
-                codes.append(_verify(console, folder, stopped.is_set, inline=inline))
+                codes.append(_verify(console, folder, stopped.is_set, how))
             except ScenarioError as error:
                 report_problems(console, error)
                 codes.append(BAD_INPUT)
@@ -65,7 +72,7 @@ def verify_runs(folders: Sequence[Path], *, inline: bool) -> int:
     return max(codes)
 
 
-def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inline: bool) -> int:
+def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: EngineName) -> int:
     recorded = read_whole(folder)
     judged = recorded.verdict
     assert judged is not None
@@ -96,7 +103,8 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], *, inli
             again(record)
             waits.take(record)
 
-        outcome = execute(again, take, stopped, inline=inline, until_ns=until_ns)
+        repeating = engine(how, again.folder / "logs")
+        outcome = repeating.run(resolve(again.scenario), take, stopped, until_ns)
         again.close()
     if stopped():
         return INTERRUPTED

@@ -20,6 +20,7 @@ from formnet.lab.claims.work import Work, cost, do
 from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline
 from formnet.lab.judge.claim_words import EQUATIONS, UNITS
 from formnet.lab.launch import pool
+from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.runs import files
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, in_words
@@ -53,7 +54,7 @@ _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
 )
 @JOBS
 def command(
-    inline: bool,
+    engine: EngineName,
     only: tuple[str, ...],
     listed: bool,
     out: Path | None,
@@ -65,12 +66,16 @@ def command(
     Exit code 0: every one ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
     130: interrupted (what is complete is written).
     """
-    need_inline(jobs, inline=inline)
-    sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, inline=inline))
+    need_inline(jobs, engine)
+    sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, engine))
 
 
 def run_claims(
-    only: Sequence[str], out: Path | None, into: Path | None, jobs: int | None, *, inline: bool
+    only: Sequence[str],
+    out: Path | None,
+    into: Path | None,
+    jobs: int | None,
+    engine: EngineName,
 ) -> int:
     """Run the claims whose keys match ``only`` (all, if empty); the exit code of the command."""
     console = Console(stderr=True)
@@ -98,7 +103,7 @@ def run_claims(
         console.print(f"[red]error:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
     work = [
-        Work(claim.key, case, folder / "cases" / claim.key / case.name, inline)
+        Work(claim.key, case, folder / "cases" / claim.key / case.name, engine)
         for claim in chosen
         for case in claim.cases
     ]
@@ -106,13 +111,11 @@ def run_claims(
     failed = None
     with stop_signals() as stopped:
         try:
-            _do_all(console, work, done, jobs, stopped.is_set, inline=inline)
+            _do_all(console, work, done, jobs, stopped.is_set, engine)
         except pool.WorkFailed as error:
             failed = str(error)
     rows = list(complete(chosen, done))
-    problems = files.attempt(
-        partial(write, folder, rows, mode="inline" if inline else "distributed")
-    )
+    problems = files.attempt(partial(write, folder, rows, mode=engine))
     output().print(_table(rows))
     if into is not None and len(done) == len(work):
         problems += files.attempt(partial(report.put_into, into, report.markdown(rows)))
@@ -150,11 +153,10 @@ def _do_all(
     done: dict[tuple[str, str], Result],
     jobs: int | None,
     stopped: pool.Stopped,
-    *,
-    inline: bool,
+    engine: EngineName,
 ) -> None:
     """Put the results of all runs into ``done``, by the keys of claim and case."""
-    if inline:  # the longest first, so that no core is left with a long one at the end
+    if engine == "inline":  # the longest first, so that no core is left with a long one at the end
         longest_first = sorted(work, key=lambda item: -cost(item.case))
         found = pool.at_once(do, longest_first, stopped, jobs)
     else:  # every run has all cores

@@ -26,6 +26,7 @@ from formnet.lab.commands.options import (
 )
 from formnet.lab.forecast.checked import load_checked
 from formnet.lab.launch import pool
+from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.nemesis.schedule import describe, draw, scheduled
 from formnet.lab.nemesis.smallest import MOST_SHRINKING_S, smallest
@@ -74,7 +75,7 @@ def command(
     overrides: tuple[str, ...],
     runs: int,
     seed: int,
-    inline: bool,
+    engine: EngineName,
     out: Path | None,
     limit_s: float,
     jobs: int | None,
@@ -88,8 +89,8 @@ def command(
     Exit code 0: every run is well; 1: one is not, and its seed is named; 2: bad usage;
     3: the nemesis itself broke; 130: interrupted.
     """
-    need_inline(jobs, inline=inline)
-    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, inline=inline))
+    need_inline(jobs, engine)
+    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine))
 
 
 def run_nemesis(
@@ -100,8 +101,7 @@ def run_nemesis(
     out: Path | None,
     limit_s: float,
     jobs: int | None,
-    *,
-    inline: bool,
+    engine: EngineName,
 ) -> int:
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
@@ -115,7 +115,7 @@ def run_nemesis(
     if refused is not None:
         console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
         return BAD_INPUT
-    repeat = _repeat(path, overrides, limit_s, inline=inline)
+    repeat = _repeat(path, overrides, limit_s, engine)
     try:
         folder = claimed(out, "nemesis", partial(_begun, command=f"{repeat} {seed}\n"))
     except OSError as error:
@@ -126,8 +126,8 @@ def run_nemesis(
             scenario,
             number,
             draw(scenario, number, CHAOS_SHARE * scenario.duration_s),
-            inline,
-            not inline or number % SAMPLE_EVERY == 0,
+            engine,
+            engine != "inline" or number % SAMPLE_EVERY == 0,
             limit_s,
         )
         for number in range(seed, seed + runs)
@@ -135,7 +135,7 @@ def run_nemesis(
     done: dict[int, Finding] = {}
     failed = None
     with stop_signals() as stopped:
-        if inline:
+        if engine == "inline":
             found = pool.at_once(tried, trials, stopped.is_set, jobs)
         else:  # every run has all cores
             found = pool.in_turn(tried, trials, stopped.is_set)
@@ -174,11 +174,11 @@ def _begun(folder: Path, command: str) -> Path:
     return folder
 
 
-def _repeat(path: Path, overrides: Sequence[str], limit_s: float, *, inline: bool) -> str:
+def _repeat(path: Path, overrides: Sequence[str], limit_s: float, engine: EngineName) -> str:
     """The command that repeats one run, up to its seed."""
     words = ["formnet", "nemesis", str(path)]
     words += [word for text in overrides for word in ("--set", text)]
-    words += ["--inline"] if inline else []
+    words += ["--inline"] if engine == "inline" else []
     return shlex.join([*words, "--limit", f"{limit_s:g}", "--runs", "1", "--seed"])
 
 
@@ -222,7 +222,7 @@ def _write(folder: Path, done: Sequence[tuple[Trial, Finding]]) -> None:
     rows: list[dict[str, Any]] = [
         {
             "seed": trial.seed,
-            "mode": "inline" if trial.inline else "distributed",
+            "mode": trial.engine,
             "run_twice": trial.twice,
             "episodes": [episode.entries()[0] for episode in trial.episodes],
             **finding._asdict(),

@@ -5,6 +5,7 @@ Zenoh is imported once it is known how many threads it may have.
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -24,6 +25,9 @@ from formnet.lab.commands.options import (
     scenario_file,
 )
 from formnet.lab.runs.exits import in_words
+
+if TYPE_CHECKING:
+    from formnet.formation.briefing.plan import Plan
 
 
 def _scenario_or_input(
@@ -71,29 +75,28 @@ def command(
 ) -> None:
     """Be the plant of a run of SCENARIO.
 
-    With -, the scenario comes from standard input, which ends it or goes on after a NUL byte.
+    With -, its plan comes from standard input (formnet run hands it over so), up to a NUL byte.
     """
     if (listen is None) == (connect is None):
         raise click.UsageError("needs --listen or --connect, and not both")
+    if scenario is None and overrides:
+        raise click.UsageError("--set goes with a scenario: a plan comes as it is")
     if lease_s < LONGEST_LEASE_S:
         threads.many()
-    from formnet.formation.scenario.loading import ScenarioError, load, loads
+    from formnet.formation.briefing.plan import BadBrief, Plan
     from formnet.formation.wire.bus import BusError
-    from formnet.formation.wire.process import read_scenario
+    from formnet.formation.wire.process import read_plan
     from formnet.formation.wire.security import KeysError
     from formnet.plant.process import main as plant_main
 
     try:
-        if scenario is None:
-            loaded = loads(read_scenario(), "standard input", overrides)
-        else:
-            loaded = load(scenario, overrides)
-    except (ScenarioError, UnicodeDecodeError) as error:
-        fail(2, str(error))
+        plan = Plan.unpack(read_plan()) if scenario is None else _resolved(scenario, overrides)
+    except BadBrief as error:
+        fail(2, f"standard input: {error}")
     try:
         sys.exit(
             plant_main(
-                loaded,
+                plan,
                 run=run_name,
                 listen=listen,
                 connect=connect,
@@ -109,3 +112,13 @@ def command(
         fail(3, str(error))
     except OSError as error:
         fail(3, in_words(error))
+
+
+def _resolved(scenario: Path, overrides: tuple[str, ...]) -> "Plan":
+    from formnet.formation.briefing.resolving import resolve
+    from formnet.formation.scenario.loading import ScenarioError, load
+
+    try:
+        return resolve(load(scenario, overrides))
+    except ScenarioError as error:
+        fail(2, str(error))

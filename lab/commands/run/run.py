@@ -11,6 +11,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.formation.wire.record import Outcome
 from formnet.lab.commands.options import (
@@ -26,7 +27,9 @@ from formnet.lab.commands.options import (
 from formnet.lab.forecast.checked import load_checked
 from formnet.lab.judge import lyapunov, verdict
 from formnet.lab.launch import live
-from formnet.lab.launch.execution import execute
+from formnet.lab.launch.distributed import Distributed
+from formnet.lab.launch.engine import Engine
+from formnet.lab.launch.inline import Inline
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.machines.place import HERE, BadPlace, HostUnreachable, Where
 from formnet.lab.runs import files
@@ -147,7 +150,6 @@ def run_scenario(
     except BadPlace as error:
         console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
         return BAD_INPUT
-    mode = "inline" if inline else "distributed"
     from formnet.lab.scene.rrd import RunFile  # loads Rerun: a bad scenario is told before
     from formnet.lab.watch.watcher import Watcher
 
@@ -173,23 +175,21 @@ def run_scenario(
                 if watcher is not None:
                     watcher.join(endpoint, run)
 
+            def asked() -> bool:
+                watch.refresh()
+                return stopped.is_set()
+
+            logs = recording.folder / "logs"
+            engine: Engine = Inline(logs) if inline else Distributed(logs, place, begun)
             try:
-                outcome = execute(
-                    recording,
-                    watch.take,
-                    stopped.is_set,
-                    watch.refresh,
-                    inline=inline,
-                    place=place,
-                    begun=begun,
-                )
+                outcome = engine.run(resolve(scenario), watch.take, asked)
             except HostUnreachable as error:
                 outcome = Outcome("broken", 0, None, str(error))
                 watch.take(outcome)
             except OSError as error:
                 outcome = Outcome("broken", recording.now_ns(), None, in_words(error))
                 watch.take(outcome)
-        how = {"mode": mode, "wall_s": watch.wall_s, "warnings": warnings}
+        how = {"mode": engine.name, "wall_s": watch.wall_s, "warnings": warnings}
         code = _conclude(console, recording, scene, outcome, how, stopped.is_set, drawn=drawn)
         if watcher is not None:
             watcher.stay(stopped.is_set)

@@ -1,0 +1,1 @@
+"""What plant and robots are told of a run: one frozen plan, resolved from a scenario once."""

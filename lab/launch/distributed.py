@@ -1,0 +1,56 @@
+"""The engine with one process for each robot and one for the plant, over Zenoh."""
+
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from formnet.formation.briefing.plan import Plan
+from formnet.formation.wire.record import Outcome, Record, Samples, Sink
+from formnet.lab.launch.engine import EngineName, never
+from formnet.lab.launch.launch import HERE, Begun, Launch, Place
+from formnet.netem.settings.timeline import NEVER
+
+
+class Distributed:
+    """An :class:`~formnet.lab.launch.engine.Engine`.
+
+    Processes log into ``logs`` (None: nowhere); ``place`` says where they are, and ``begun`` is
+    told where they meet before the robots are started.
+    """
+
+    name: EngineName = "distributed"
+
+    def __init__(
+        self, logs: Path | None = None, place: Place = HERE, begun: Begun = lambda *_: None
+    ) -> None:
+        self._logs = logs
+        self._place = place
+        self._begun = begun
+
+    def run(
+        self,
+        plan: Plan,
+        sink: Sink,
+        stopped: Callable[[], bool] = never,
+        until_ns: int = NEVER,
+    ) -> Outcome:
+        """See :class:`~formnet.lab.launch.engine.Engine`.
+
+        Raises:
+            HostUnreachable: a robot's host cannot be reached.
+            OSError: processes cannot be started, or not log.
+        """
+        reached_ns = 0
+
+        def take(record: Record) -> None:
+            nonlocal reached_ns
+            if isinstance(record, Samples) and record.rows:
+                reached_ns = record.rows[-1].t_ns
+            sink(record)
+
+        name = f"{plan.name}-{secrets.token_hex(6)}"  # unique on the bus
+        with TemporaryDirectory(prefix="formnet-logs-") as scratch:
+            logs = self._logs or Path(scratch)
+            launch = Launch(plan, name, take, logs, self._place, self._begun)
+            return launch.wait(lambda: stopped() or reached_ns >= until_ns)
