@@ -12,7 +12,7 @@ import pytest
 
 from formnet.lab.launch.launch import free_port
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TALKER = EXAMPLES / "zenoh_talker"
 
 
