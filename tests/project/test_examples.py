@@ -12,6 +12,8 @@ import pytest
 
 from formnet.lab.launch.launch import free_port
 
+pytestmark = pytest.mark.processes
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TALKER = EXAMPLES / "zenoh_talker"
 
