@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test check docs reference bench clean
+.PHONY: demo build test quick check docs reference bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
@@ -15,6 +15,10 @@ build: $(VENV)/.base
 
 test: check docs
 	$(BIN)/pytest
+
+# Everything that needs no other process, browser or namespace.
+quick: $(VENV)/.test
+	$(BIN)/pytest -m 'not (processes or browser or namespaces)'
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
+from guard import Guard
 from hypothesis import settings
 
 from formnet.formation.scenario.loading import load
@@ -22,7 +23,7 @@ settings.register_profile(
 settings.load_profile("formnet")
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Refuse to test compiled modules that are older than their source; signals as at a terminal.
 
     What is started in the background, or by nohup, ignores them, and so would what it starts.
@@ -32,6 +33,9 @@ def pytest_configure() -> None:
     problem = stale()
     if problem is not None:
         raise pytest.UsageError(problem)
+    guard = Guard()
+    guard.install()
+    config.pluginmanager.register(guard, "guard")
 
 
 def missing(package: str) -> NoReturn:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import tomli_w
-from test_settings import COMPLETE
+from complete_links import COMPLETE
 
 Place = tuple[str | int, ...]
 

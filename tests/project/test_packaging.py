@@ -79,6 +79,7 @@ def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
     assert "pip install 'formnet[hosts]'" in told.output
 
 
+@pytest.mark.processes
 def test_help_loads_nothing_heavy():
     code = (
         "import sys\nfrom formnet.lab.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
@@ -134,6 +135,7 @@ def built(source, target, what="wheel"):
     return file
 
 
+@pytest.mark.processes
 def test_a_wheel_of_an_sdist_has_the_same_files(root, tmp_path):
     copied(root, tmp_path / "source")
     sdist = built(tmp_path / "source", tmp_path / "sdist", "sdist")
@@ -156,6 +158,7 @@ def test_a_wheel_of_an_sdist_has_the_same_files(root, tmp_path):
     } < names[0]
 
 
+@pytest.mark.processes
 def test_a_checkout_without_links_is_told_what_to_do(root, tmp_path):
     copied(root, tmp_path)
     (tmp_path / "formnet" / "agent").unlink()
@@ -167,6 +170,7 @@ def test_a_checkout_without_links_is_told_what_to_do(root, tmp_path):
     assert "formnet/agent is a text file where a symbolic link should be" in told.stderr
 
 
+@pytest.mark.processes
 def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
     copied(root, tmp_path / "source")
     wheel, home = built(tmp_path / "source", tmp_path / "wheels"), tmp_path / "venv"

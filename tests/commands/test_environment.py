@@ -26,6 +26,8 @@ from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE
 from formnet.lab.runs.recorded import event_lines, read_verdict
 from formnet.lab.runs.recording import LINKS, STATES
 
+pytestmark = pytest.mark.processes
+
 FORMNET = [sys.executable, "-m", "formnet"]
 SHORT = ["--inline", "--set", "duration_s=0.5"]
 NO_CLAIMS = [*SHORT, "--set", "expect={}"]

@@ -344,6 +344,7 @@ def test_a_run_that_depends_on_anything_else_is_found(chaos, monkeypatch):
     )
 
 
+@pytest.mark.processes
 def test_the_command_tries_all_seeds(root, tmp_path):
     code, said = formnet(
         "nemesis",
@@ -369,6 +370,7 @@ def test_the_command_tries_all_seeds(root, tmp_path):
     assert len({run["trajectory_sha256"] for run in told}) == 4
 
 
+@pytest.mark.processes
 def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_path, monkeypatch):
     def no_room(path, data):
         raise OSError(28, "No space left on device", str(path))
@@ -392,6 +394,7 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
     assert f"{tmp_path / 'out' / 'nemesis.json'}: No space left on device" in said
 
 
+@pytest.mark.processes
 def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):
     """Two seconds are too short for what is claimed, with failures and without."""
     scenario = str(root / "configs" / "paper" / "section5-delay.toml")
@@ -447,6 +450,7 @@ def test_a_scenario_that_is_none_for_it_is_refused(root, override, words):
     assert words in said
 
 
+@pytest.mark.processes
 def test_distributed_runs_are_compared_with_inline_ones(paper):
     scenario = paper(
         "section5-delay",

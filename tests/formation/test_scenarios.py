@@ -9,7 +9,7 @@ from formnet.formation.scenario.loading import ScenarioError, dumps, load, loads
 from formnet.lab.cli import main
 from formnet.netem.settings.presets import PRESETS
 
-PAPER = Path(__file__).parent.parent / "configs" / "paper"
+PAPER = Path(__file__).parents[2] / "configs" / "paper"
 GOOD = (PAPER / "section5-delay.toml").read_text(encoding="utf-8")
 
 

@@ -75,6 +75,7 @@ def told_by(folder):
     return text.partition("<details><summary>scenario.toml")[0]
 
 
+@pytest.mark.processes
 def test_the_terminal_speaks_of_no_theorem(ran):
     said, _ = ran
     assert not THE_PAPER.search(said.replace("everything is in", "")), said
@@ -82,6 +83,7 @@ def test_the_terminal_speaks_of_no_theorem(ran):
     assert "FAILS: formation, heading, centroid" in said
 
 
+@pytest.mark.processes
 def test_the_page_speaks_of_no_theorem(ran):
     page = told_by(ran[1])
     assert not THE_PAPER.search(page), THE_PAPER.search(page)
@@ -91,12 +93,14 @@ def test_the_page_speaks_of_no_theorem(ran):
     assert 'alt="Errors over time' in page
 
 
+@pytest.mark.processes
 def test_the_figures_name_errors_alone(ran):
     axes = figures.errors(read_whole(ran[1])).axes[0]
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels[:3] == ["formation (m)", "heading (rad)", "centroid (m)"]
 
 
+@pytest.mark.processes
 def test_check_has_the_graph_alone(ran, monkeypatch):
     done = subprocess.run(
         [sys.executable, "-m", "formnet", "check", ran[1] / "scenario.toml"],
@@ -109,6 +113,7 @@ def test_check_has_the_graph_alone(ran, monkeypatch):
     assert not THE_PAPER.search(done.stdout + done.stderr)
 
 
+@pytest.mark.processes
 def test_what_is_claimed_of_v_is_told_all_the_same(ran, tmp_path):
     folder = Path(shutil.copytree(ran[1], tmp_path / "mine"))
     judged = json.loads((folder / "verdict.json").read_text())
@@ -140,6 +145,7 @@ def test_a_law_of_the_paper_is_held_against_its_equations(of_the_paper, kind):
     assert ("V never rises" in page) == (kind == "cooperative")  # V is of that law alone
 
 
+@pytest.mark.processes
 def test_runs_of_both_kinds_are_compared_without_equations(ran, of_the_paper, tmp_path):
     paper = of_the_paper["cooperative"]
     formnet("compare", paper, ran[1], "--out", tmp_path / "mixed")
@@ -172,6 +178,7 @@ def test_when_a_run_settled(kind, judged, at_s, words):
     assert verdict.settled(found) == words
 
 
+@pytest.mark.processes
 def test_a_run_that_never_settles_says_so_everywhere(ran):
     folder = ran[1]
     assert load(folder / "scenario.toml").expect.formation

@@ -199,6 +199,7 @@ def test_bad_options_are_named_and_exit_2(tmp_path, options, words):
     assert words in found.output
 
 
+@pytest.mark.processes
 def test_an_endpoint_that_cannot_be_had_is_named():
     with (
         pytest.raises(BridgeError, match=r"cannot listen on tcp/256\.0\.0\.1:1"),
@@ -207,6 +208,7 @@ def test_an_endpoint_that_cannot_be_had_is_named():
         pass
 
 
+@pytest.mark.processes
 def test_a_network_cannot_be_joined_with_itself():
     end = f"tcp/127.0.0.1:{free_port()}"
     with (
@@ -272,6 +274,7 @@ def about(got, key):
     return [sample for sample in got if str(sample.key_expr) == key]
 
 
+@pytest.mark.processes
 def test_publications_pass_both_ways_with_everything_they_carry(join):
     ends = join()
     for source, target in ((ends.left, ends.right), (ends.right, ends.left)):
@@ -297,6 +300,7 @@ def test_publications_pass_both_ways_with_everything_they_carry(join):
     assert ends.bridge.failures == 0
 
 
+@pytest.mark.processes
 def test_queries_pass_with_their_replies(join):
     ends = join()
 
@@ -323,6 +327,7 @@ def test_queries_pass_with_their_replies(join):
     assert bad.err.payload.to_bytes() == b"no ?"
 
 
+@pytest.mark.processes
 def test_a_query_that_is_lost_ends_without_reply(join):
     ends = join(
         '[[network.links]]\nkey = "robot/**"\ndirection = "forward"\nloss.probability = 1.0'
@@ -342,6 +347,7 @@ def test_a_query_that_is_lost_ends_without_reply(join):
     assert time.monotonic() - start < TIMEOUT_S  # it ended, not only its patience
 
 
+@pytest.mark.processes
 def test_a_reply_that_comes_after_the_end_is_counted_and_breaks_nothing(join):
     ends = join('[network.default.delay]\ndistribution = "constant"\nmean_s = 0.3')
     ends.right.declare_queryable("robot/x", lambda query: query.reply("robot/x", b"late"))
@@ -373,6 +379,7 @@ def controlled(bridge, host="127.0.0.1"):
     http.server_close()
 
 
+@pytest.mark.processes
 def test_control_shows_and_changes_links_in_use(join):
     ends = join("[network.default]\nrate.overhead_bytes = 7")
     got = ends.subscribed(ends.right, ends.left, "**")
@@ -396,11 +403,13 @@ def test_control_shows_and_changes_links_in_use(join):
         assert about(got, "robot/cut") == []
 
 
+@pytest.mark.processes
 def test_control_listens_on_ipv6_too(join):
     with controlled(join().bridge, "::1") as call:
         assert call("/network")[0] == 200
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("path", "body", "status", "words"),
     [
@@ -454,6 +463,7 @@ loss = { probability = 0.1 }
 COUNT = 1500
 
 
+@pytest.mark.processes
 def test_two_unmodified_programs_meet_exactly_the_network_that_was_asked_for(tmp_path):
     """Which messages are lost, and for how long each travels, follows from the seed alone."""
     path = tmp_path / "network.toml"
@@ -557,6 +567,7 @@ def bridge_program(tmp_path, text):
         yield bridge, left, right
 
 
+@pytest.mark.processes
 def test_a_query_ends_with_its_last_reply(tmp_path):
     """Not when its patience does. Only a bridge in another process lets its query go too late."""
     with bridge_program(tmp_path, "") as (_, left, right):
@@ -573,6 +584,7 @@ def test_a_query_ends_with_its_last_reply(tmp_path):
         assert time.monotonic() - start < TIMEOUT_S
 
 
+@pytest.mark.processes
 def test_an_interrupted_bridge_delivers_what_is_in_flight(tmp_path):
     delayed = "[network.default]\ndelay = { distribution = 'constant', mean_s = 1.0 }"
     with bridge_program(tmp_path, delayed) as (bridge, left, right):

@@ -12,7 +12,9 @@ import pytest
 
 from formnet.lab.launch.launch import free_port
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+pytestmark = pytest.mark.processes
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TALKER = EXAMPLES / "zenoh_talker"
 
 

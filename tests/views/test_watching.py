@@ -106,6 +106,7 @@ def recorded(tmp_path_factory):
     return out
 
 
+@pytest.mark.processes
 def test_a_run_s_file_is_its_states_and_events(recorded):
     file = recorded / "run.rrd"
     shown = check_scene(file, recorded, 5)
@@ -237,6 +238,7 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
     assert (tmp_path / "run.rrd").stat().st_size < 60 * cells + 5e6
 
 
+@pytest.mark.processes
 def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
     out = tmp_path / "run"
     run = subprocess.Popen(
@@ -312,6 +314,7 @@ def watched_run(folder, monitor_options, *sets, meanwhile=lambda monitor: None, 
     return recording, monitors[0]
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("secured", [False, True])
 def test_what_is_seen_live_is_what_is_recorded(tmp_path, recorded, secured):
     if secured:
@@ -331,6 +334,7 @@ def test_what_is_seen_live_is_what_is_recorded(tmp_path, recorded, secured):
     )
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number):
     recording, monitor = watched_run(
@@ -345,6 +349,7 @@ def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number)
     assert not [event for event in recording.events if event.kind == "waiting" and event.t_ns]
 
 
+@pytest.mark.processes
 def test_who_comes_late_gets_the_events_before_and_sees_the_rest(tmp_path):
     out, seen = tmp_path / "run", tmp_path / "seen.rrd"
     run = subprocess.Popen(
@@ -384,6 +389,8 @@ def test_who_comes_late_gets_the_events_before_and_sees_the_rest(tmp_path):
     assert not (out / "live.json").exists()
 
 
+@pytest.mark.browser
+@pytest.mark.processes
 def test_in_a_browser_the_scene_moves(tmp_path):
     """The page is open during the run; its field is another picture a little later."""
     browser = shutil.which("chromium")
@@ -446,6 +453,7 @@ def test_in_a_browser_the_scene_moves(tmp_path):
         run.wait()
 
 
+@pytest.mark.processes
 def test_a_replay_that_is_ended_takes_its_viewer_along(recorded):
     replay = subprocess.Popen(
         [sys.executable, "-m", "formnet", "replay", str(recorded), "--web"],
@@ -481,6 +489,7 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
         assert (code, words in said) == (2, True), said
 
 
+@pytest.mark.processes
 def test_where_no_run_goes_on_nothing_can_be_watched(monkeypatch):
     monkeypatch.setattr("formnet.lab.watch.monitor._SEARCH_S", 0.5)
     endpoint = f"tcp/127.0.0.1:{free_port()}"

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.processes
+
 LOOK = "import os; import formnet.formation.wire.bus; print(os.environ['ZENOH_RUNTIME'])"
 MANY = "from formnet.formation.wire import threads; threads.many(); " + LOOK
 MINE = "(app: (worker_threads: 3))"

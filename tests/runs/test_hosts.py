@@ -80,7 +80,7 @@ class Network:
                     "exec",
                     self.name(host),
                     sys.executable,
-                    str(Path(__file__).with_name("sshd.py")),
+                    str(Path(__file__).parents[1] / "sshd.py"),
                     self.address(host),
                     str(PORT),
                     str(self.folder / "host-key"),
@@ -193,6 +193,7 @@ def left_on(network, host):
     return [command for command in commands if "agent" in command]
 
 
+@pytest.mark.namespaces
 def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path):
     """And the hosts stand in the scenario here."""
     hosts = (network.folder / "hosts.toml").read_text()
@@ -232,6 +233,7 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
         assert left_on(network, host) == []
 
 
+@pytest.mark.namespaces
 def test_real_time_over_three_hosts(start):
     process, out = start("yard.toml", "duration_s=5.0")
     said, _ = process.communicate(timeout=90)
@@ -243,6 +245,7 @@ def test_real_time_over_three_hosts(start):
     assert all(link["delivered"] > 20 for link in judged["links"])
 
 
+@pytest.mark.namespaces
 @pytest.mark.parametrize("scenario", ["paper/section5-delay.toml", "yard.toml"])
 def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, network, scenario):
     cut = 'timeline=[{action="cut", at_s=0.5, links=[[1, 2]], heal_after_s=0.1}]'
@@ -263,6 +266,7 @@ def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, ne
     assert "host lost: beta, with robots 3, 4: its connection has ended" in said
 
 
+@pytest.mark.namespaces
 def test_faults_reach_robots_on_other_hosts(start, tmp_path):
     faults = (
         "duration_s=2.0",
@@ -295,6 +299,7 @@ def test_faults_reach_robots_on_other_hosts(start, tmp_path):
     assert hashes[0] == hashes[1]
 
 
+@pytest.mark.namespaces
 def test_a_host_that_cannot_be_reached_ends_the_run(start, network, tmp_path):
     text = (network.folder / "hosts.toml").read_text()
     other = network.folder / "hosts.toml"
@@ -353,6 +358,7 @@ def python_that(tmp_path, name, code):
     return script
 
 
+@pytest.mark.namespaces
 def test_the_doctor_finds_nothing_where_all_is_well(network):
     code, said = doctor(network)
     assert code == 0, said
@@ -362,6 +368,7 @@ def test_the_doctor_finds_nothing_where_all_is_well(network):
     assert "all is well" in said
 
 
+@pytest.mark.namespaces
 def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
     late = python_that(tmp_path, "late", "import time\nt = time.time\ntime.time = lambda: t() - 2")
     old = python_that(
@@ -389,6 +396,7 @@ def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
     assert "problems: 3" in said
 
 
+@pytest.mark.namespaces
 def test_the_doctor_tries_the_port_and_the_way_in(network):
     listen = f"tls/{network.here}:7447"
     code, said = doctor(
@@ -407,6 +415,7 @@ def test_the_doctor_tries_the_port_and_the_way_in(network):
     assert "✗ here: port: cannot listen at tls/192.0.2.1:7447" in said
 
 
+@pytest.mark.namespaces
 def test_the_doctor_sees_expired_and_foreign_certificates(network, tmp_path, monkeypatch):
     place = tmp_path / "keys"
     keys.make(place, [1, 2], [], 1)  # another authority's

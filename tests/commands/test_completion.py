@@ -112,6 +112,7 @@ def test_every_file_of_a_command_is_in_the_list(root):
     assert there == listed
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("words", "modules"),
     [(("--help",), set()), (("--version",), set()), (("run", "--help"), of("run", "run"))],
@@ -120,6 +121,7 @@ def test_help_imports_no_other_command(words, modules):
     assert imported(*words) == modules
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("complete", "modules"),
     [("ne", set()), ("keys in", of("machines", "keys")), ("run --in", of("run", "run"))],
@@ -174,6 +176,7 @@ def test_choices():
     assert completed("new", "x", "--graph", "r") == [("plain", "ring"), ("plain", "random")]
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_asks_formnet(shell):
     result = CliRunner().invoke(main, ["completion", shell])
@@ -181,6 +184,7 @@ def test_the_script_asks_formnet(shell):
     assert f"_FORMNET_COMPLETE={shell}_complete" in result.output
 
 
+@pytest.mark.processes
 def test_bash_takes_the_script(tmp_path):
     bash = shutil.which("bash")
     assert bash

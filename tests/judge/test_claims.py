@@ -293,6 +293,7 @@ def test_remark_9_s_figure_shows_both_laws_from_the_kill_on():
 # --- the command --------------------------------------------------------------------------
 
 
+@pytest.mark.processes
 def test_claims_are_run_judged_and_written_down(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "catalogue", lambda: [CLAIMS["printed-eq-19"]])
     out, readme = tmp_path / "out", tmp_path / "README.md"
@@ -315,6 +316,7 @@ def test_claims_are_run_judged_and_written_down(tmp_path, monkeypatch):
     assert readme.read_text() == before
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("case", "code", "word"),
     [
@@ -359,6 +361,7 @@ def test_the_list_names_every_claim():
     assert all(key in said for key in ("theorem-1", "killed-restarted", "partition"))
 
 
+@pytest.mark.processes
 def test_interrupted_claims_end_soon_and_keep_what_is_complete(root, tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen(
@@ -397,6 +400,7 @@ def test_interrupted_claims_end_soon_and_keep_what_is_complete(root, tmp_path):
 # --- the README ---------------------------------------------------------------------------
 
 
+@pytest.mark.processes
 def test_the_readme_s_table_is_the_catalogue_s_and_its_numbers_are_those_of_a_run(root, tmp_path):
     readme = (root / "README.md").read_text(encoding="utf-8")
     table = readme.split(report.BEGIN)[1].split(report.END)[0]
@@ -418,6 +422,7 @@ def test_the_readme_s_table_is_the_catalogue_s_and_its_numbers_are_those_of_a_ru
         assert line in lines
 
 
+@pytest.mark.processes
 def test_results_that_cannot_be_written_are_told_and_the_table_still_shown(tmp_path, monkeypatch):
     def no_room(path, data):
         raise OSError(28, "No space left on device", str(path))

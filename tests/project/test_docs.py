@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PACKAGES = ("agent", "formation", "lab", "netem", "plant")
 
 
+@pytest.mark.processes
 def test_the_site_builds_strictly_and_loads_nothing_from_elsewhere(tmp_path):
     subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path],
@@ -130,6 +131,7 @@ def user(tmp_path):
     return {**os.environ, **offline, "PATH": f"{home / 'bin'}:{os.environ['PATH']}"}
 
 
+@pytest.mark.processes
 def test_every_command_of_the_tutorial_works(user, tmp_path):
     place = tmp_path / "work"
     place.mkdir()

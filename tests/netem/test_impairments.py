@@ -568,6 +568,7 @@ def test_another_kind_of_message_changes_no_draw(table, others):
     assert met(mixed) == met(["pose"] * len(others))
 
 
+@pytest.mark.processes
 def test_the_same_seed_gives_the_same_bytes_in_any_process():
     """PYTHONHASHSEED scrambles sets and dictionaries of strings; the links must not notice."""
     program = (

@@ -331,6 +331,7 @@ def start(tmp_path):
             run.process.wait(30)
 
 
+@pytest.mark.processes
 def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
     run = start("duration_s=4.0", "law.beta=2.5", "clock.sync_bound_s=1e-6")
     assert run.process.wait(60) == 1, run.log.read_text()  # too short for the claims
@@ -360,6 +361,7 @@ def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
     assert [event["event"] for event in events][-3:] == ["timing", "extremes", "completed"]
 
 
+@pytest.mark.processes
 def test_robots_that_fail_in_real_time(start):
     run = start(
         "duration_s=9.0",
@@ -400,6 +402,7 @@ def test_robots_that_fail_in_real_time(start):
     assert not [e for e in run.events() if e["event"] == "silent at the end"]
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("policy", ["continue", "abort"])
 def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
     run = start(
@@ -428,6 +431,7 @@ def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
     assert 100 * hung_s - 2 <= counts["missed"] <= counts["periods"] < 410
 
 
+@pytest.mark.processes
 def test_a_plant_in_real_time_that_dies_ends_the_run(start):
     run = start("duration_s=20.0")
     run.until_event("started")
@@ -437,6 +441,7 @@ def test_a_plant_in_real_time_that_dies_ends_the_run(start):
     assert run.verdict()["outcome"]["kind"] == "broken"
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("command", "words"),
     [

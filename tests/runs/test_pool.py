@@ -13,6 +13,7 @@ from workers import dying, endless, failing, squared, until_stopped
 from formnet.lab.launch import pool
 
 
+@pytest.mark.processes
 def test_every_item_is_done_once():
     for found in (
         pool.at_once(squared, range(20), lambda: False, 2),
@@ -21,6 +22,7 @@ def test_every_item_is_done_once():
         assert sorted(found) == [(n, n * n) for n in range(20)]
 
 
+@pytest.mark.processes
 def test_an_early_end_reaches_what_runs_and_begins_no_more():
     done = []
     for item, result in pool.at_once(until_stopped, range(50), lambda: bool(done), 2):
@@ -29,6 +31,7 @@ def test_an_early_end_reaches_what_runs_and_begins_no_more():
     assert list(pool.in_turn(squared, range(3), lambda: True)) == []
 
 
+@pytest.mark.processes
 def test_work_that_never_asks_is_cut_short(tmp_path):
     begun = tmp_path / "begun"
     since = time.monotonic()
@@ -36,6 +39,7 @@ def test_work_that_never_asks_is_cut_short(tmp_path):
     assert time.monotonic() - since < 60.0
 
 
+@pytest.mark.processes
 def test_what_goes_wrong_is_told():
     with pytest.raises(pool.WorkFailed, match="Unpicklable: three is"):
         list(pool.at_once(failing, [1], lambda: False, 1))
@@ -45,6 +49,7 @@ def test_what_goes_wrong_is_told():
         list(pool.at_once(dying, [1], lambda: False, 1))
 
 
+@pytest.mark.processes
 def test_workers_die_with_the_process_that_began_them(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

@@ -10,6 +10,8 @@ from playwright.sync_api import sync_playwright
 from formnet.lab.cli import main
 from formnet.lab.scenarios.packaged import CONFIGS
 
+pytestmark = pytest.mark.browser
+
 SIDEWAYS = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 WIDTHS = "[...document.querySelectorAll('figure img')].map(i => i.getBoundingClientRect().width)"
 ROOM = "[...document.querySelectorAll('figure')].map(f => [f.scrollWidth, f.clientWidth])"

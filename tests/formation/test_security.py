@@ -158,6 +158,7 @@ def test_a_folder_of_keys_that_lacks_something(folder, tmp_path):
 # --- what is let through ------------------------------------------------------------------------
 
 
+@pytest.mark.processes
 def test_everybody_can_do_what_is_theirs(hub, folder):
     names = bus.Keys("run")
     with (
@@ -192,6 +193,7 @@ def test_everybody_can_do_what_is_theirs(hub, folder):
     assert set(heard) == set(watched) == {b"state"}
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("who", "key"),
     [
@@ -235,6 +237,7 @@ def test_nobody_can_do_what_is_another_s(hub, folder, who, key):
         del token
 
 
+@pytest.mark.processes
 def test_a_robot_cannot_listen_to_what_is_told_to_another(hub, folder):
     with (
         client(hub, folder, "robot-3") as curious,
@@ -261,6 +264,7 @@ def refused(hub, credentials, endpoint=None):
         pytest.fail("it was let in")
 
 
+@pytest.mark.processes
 def test_another_authority_s_certificate_is_refused(hub, folder, tmp_path):
     keys.make(tmp_path / "other", [1], [], 30)
     refused(hub, Credentials(tmp_path / "other", "robot-1"))
@@ -268,6 +272,7 @@ def test_another_authority_s_certificate_is_refused(hub, folder, tmp_path):
     refused(hub, Credentials(tmp_path / "other", "robot-1"))
 
 
+@pytest.mark.processes
 def test_an_expired_certificate_is_refused(hub, folder, tmp_path):
     place = tmp_path / "late"
     shutil.copytree(folder, place)
@@ -290,6 +295,7 @@ def test_an_expired_certificate_is_refused(hub, folder, tmp_path):
     refused(hub, Credentials(place, "robot-1"))
 
 
+@pytest.mark.processes
 def test_no_certificate_and_plaintext_are_refused(hub, folder):
     refused(hub, None, hub.endpoint.replace("tls/", "tcp/"))
     config = {
@@ -305,6 +311,7 @@ def test_no_certificate_and_plaintext_are_refused(hub, folder):
 # --- a run with a liar in it ------------------------------------------------------------------------
 
 
+@pytest.mark.processes
 def test_a_run_through_a_router_that_is_there_already(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = {
@@ -347,6 +354,7 @@ def connects(port):
     return True
 
 
+@pytest.mark.processes
 def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     place = tmp_path / "keys"
     keys.make(place, range(1, 6), [], 30)
@@ -416,6 +424,7 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
     assert "received corrupt message" in (tmp_path / "plant.log").read_text()
 
 
+@pytest.mark.processes
 def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
     place, out = tmp_path / "keys", tmp_path / "run"
     keys.make(place, range(1, 6), [], 30)
@@ -485,6 +494,7 @@ def test_an_endpoint_that_is_not_allowed_says_why(folder, endpoint, with_keys, w
         pytest.fail("it was opened")
 
 
+@pytest.mark.processes
 def test_a_run_over_tls_gives_the_same_bits_and_tells_no_secret(tmp_path, folder):
     keys.make(tmp_path / "keys", range(1, 6), [], 30)
     scenario = CONFIGS / "paper" / "section5-delay.toml"

@@ -157,6 +157,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("write", ["write_new", "replace"])
 def test_a_file_that_grows_too_large_leaves_nothing_behind(here, write):
     told = limited(4096, WRITE, write, "x")
@@ -164,6 +165,7 @@ def test_a_file_that_grows_too_large_leaves_nothing_behind(here, write):
     assert os.listdir() == []
 
 
+@pytest.mark.processes
 def test_what_cannot_be_replaced_stays(here):
     Path("x").write_text("old")
     told = limited(4096, WRITE, "replace", "x")
@@ -171,6 +173,7 @@ def test_what_cannot_be_replaced_stays(here):
     assert (os.listdir(), Path("x").read_text()) == (["x"], "old")
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("limit", "name"), [(100, "x.toml"), (20_000, FILE)], ids=["scenario", "schema"]
 )
@@ -180,6 +183,7 @@ def test_new_leaves_nothing_behind_where_one_of_its_files_finds_no_room(here, li
     assert os.listdir() == []
 
 
+@pytest.mark.processes
 def test_a_schema_that_cannot_be_written_leaves_the_old_one(here):
     Path("s.json").write_text("old")
     told = limited(20_000, COMMAND, "schema", "--out", "s.json")
@@ -205,6 +209,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("name", ["ca.pem", "robot-1.pem", "robot-1-key.pem"])
 def test_keys_come_in_pairs_even_where_there_is_no_room(here, name):
     pytest.importorskip("cryptography")
@@ -218,6 +223,7 @@ def test_keys_come_in_pairs_even_where_there_is_no_room(here, name):
     assert (here / "keys" / name).exists()
 
 
+@pytest.mark.processes
 def test_on_a_full_disk_nothing_is_left_behind(here):
     """A file system of one page beside the folder itself: ENOSPC."""
     disk = here / "disk"

@@ -32,6 +32,8 @@ from formnet.lab.launch.launch import free_port
 from formnet.lab.runs import build
 from formnet.lab.runs.recording import Recording
 
+pytestmark = pytest.mark.processes
+
 SECTION5 = "paper/section5-delay"
 EVERY_ACTION = "network/every-action"
 EVERY_FAULT = "faults/every-fault"

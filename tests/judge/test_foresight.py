@@ -12,6 +12,8 @@ from formnet.lab.cli import main
 from formnet.lab.forecast import foresight
 from formnet.lab.forecast.foresight import foresee
 
+pytestmark = pytest.mark.processes
+
 LAW = """\
 import os, sys
 {head}
