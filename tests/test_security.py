@@ -503,4 +503,4 @@ def test_a_run_over_tls_gives_the_same_bits_and_tells_no_secret(tmp_path, folder
     assert "robot-4.pem is not there: make it with `formnet keys init`" in said
     code, said = formnet("run", *common, "--keys", folder, "--inline")
     assert code == 2
-    assert "--inline is one process" in said
+    assert "--inline uses one process" in said

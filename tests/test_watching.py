@@ -468,13 +468,13 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
         (["monitor"], "runs: no run goes on there"),
         (["monitor", "nonsuch"], "nonsuch: no such folder"),
         (["monitor", "empty"], "empty: no run goes on there"),
-        (["monitor", "empty", "--connect", "tcp/127.0.0.1:1"], "exclude each other"),
+        (["monitor", "empty", "--connect", "tcp/127.0.0.1:1"], "it excludes --connect"),
         (["monitor", "--view", "--web"], "--view and --web exclude each other"),
         (["monitor", "--connect", "tcp/192.0.2.1:1"], "off loopback"),
         (["replay", "empty"], "has no run.rrd"),
         (["replay", "nonsuch"], "nonsuch: no such folder"),
         (["replay", str(SECTION5)], "is a file"),
-        (["run", str(SECTION5), "--inline", "--web"], "formnet replay RUN shows it"),
+        (["run", str(SECTION5), "--inline", "--web"], "use formnet replay RUN afterwards"),
     ]:
         code, said = formnet(*arguments)
         assert (code, words in said) == (2, True), said

@@ -24,7 +24,7 @@ MOST_OTHERS = 10
 
 @click.command("list", cls=Command)
 @click.argument("folder", metavar="[DIR]", default=Path("runs"), type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="For other programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(folder: Path, as_json: bool) -> None:
     """List the runs in DIR (runs/), newest first."""
     sys.exit(list_runs(folder, as_json=as_json))

@@ -27,7 +27,7 @@ from formnet.lab.text.problems import report_problems
     help="New folder  [default: figures/ of the run]",
 )
 def command(folder: Path, out: Path | None) -> None:
-    """Draw a run's figures again, from its folder."""
+    """Redraw a run's figures from its folder."""
     sys.exit(plot_run(folder, out))
 
 

@@ -33,12 +33,14 @@ from formnet.netem.settings.timeline import NEVER
 
 @click.command("verify", cls=Command)
 @RUNS
-@click.option("--distributed", is_flag=True, help="Run again in many processes  [default: in one]")
+@click.option(
+    "--distributed", is_flag=True, help="Repeat as a distributed run  [default: in one process]"
+)
 def command(folders: tuple[Path, ...], distributed: bool) -> None:
-    """Run recorded runs again; compare every bit.
+    """Repeat recorded runs; compare every bit.
 
-    Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
-    2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
+    Each is repeated from its own scenario.toml. Exit code 0: identical; 1: different (the first
+    difference is printed); 2: cannot be repeated; 3: repeating it failed; 130: interrupted.
     """
     sys.exit(verify_runs(folders, inline=not distributed))
 

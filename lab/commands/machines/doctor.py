@@ -47,13 +47,13 @@ class Check(NamedTuple):
 
 @click.command("doctor", cls=Command)
 @click.option(
-    "--hosts", type=click.Path(path_type=Path), metavar="HOSTS.toml", help="Look at these, too."
+    "--hosts", type=click.Path(path_type=Path), metavar="HOSTS.toml", help="Also check these hosts."
 )
 @KEYS
 def command(hosts: Path | None, keys: Path | None) -> None:
-    """Check this machine and others; say how to mend what is wrong.
+    """Check this machine and hosts; say how to fix problems.
 
-    Exit code 0: all is well; 2: bad usage; 3: something is not well.
+    Exit code 0: no problem found; 2: bad usage; 3: problems found.
     """
     sys.exit(examine(hosts, keys))
 
