@@ -69,7 +69,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
         for item in renderables(title, compared.names, rows, page.width, _coloured):
             page.print(item)
     if out is not None:
-        console.print(f"everything is in {escape(str(out))}", soft_wrap=True)
+        console.print(f"results are in {escape(str(out))}", soft_wrap=True)
     return ONE_FAILS if compared.differs else ALL_HOLD
 
 

@@ -52,5 +52,5 @@ def plot_run(folder: Path, out: Path | None) -> int:
         return code_of(error)
     for problem in run.problems:
         console.print(f"[yellow]without:[/] {escape(problem)}", soft_wrap=True)
-    console.print(f"everything is in {escape(str(place))}", soft_wrap=True)
+    console.print(f"results are in {escape(str(place))}", soft_wrap=True)
     return ALL_HOLD

@@ -99,7 +99,7 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: str |
         links_table([(f"{_ARROWS[row['direction']]} {row['link']}", row) for row in rows], "")
     )
     if bridge.failures:
-        console.print(f"[yellow]messages that could not be handed on:[/] {bridge.failures}")
+        console.print(f"[yellow]messages that could not be delivered:[/] {bridge.failures}")
     if broken is not None:
         console.print(f"[red]the bridge broke:[/] {escape(f'{type(broken).__name__}: {broken}')}")
         return BROKEN

@@ -119,7 +119,7 @@ def run_claims(
         forget(folder, "claims.md")
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
-    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
+    console.print(f"results are in {escape(str(folder))}", soft_wrap=True)
     if failed is not None:
         console.print(f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}")
         return RUN_BROKE

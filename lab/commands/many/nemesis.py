@@ -214,7 +214,7 @@ def _report(
         f"{escape(str(place / 'shrunk.toml'))}:",
         soft_wrap=True,
     )
-    for line in lines or ["(none: it fails without any)"]:
+    for line in lines or ["(none: it fails without episodes)"]:
         console.print(f"    {escape(line)}", soft_wrap=True)
 
 
@@ -249,8 +249,8 @@ def _summarise(
             + (
                 f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}"
                 if failed
-                else "[green]all terminate, are consistent and recover[/]"
+                else "[green]all end, are consistent and recover[/]"
             ),
             soft_wrap=True,
         )
-    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
+    console.print(f"results are in {escape(str(folder))}", soft_wrap=True)

@@ -246,7 +246,7 @@ def _conclude(
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(
-        f"everything{' else' * bool(problems)} is in {escape(str(recording.folder))}",
+        f"{'other ' * bool(problems)}results are in {escape(str(recording.folder))}",
         soft_wrap=True,
     )
     if problems:
