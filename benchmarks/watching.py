@@ -96,7 +96,9 @@ def _watched(
         monitors.append(monitor)
         assert monitor.stdout is not None
         if not monitor.stdout.readline().startswith(b"watching"):
-            raise BenchmarkError(f"nobody watches: {(place / 'monitor.log').read_text()}")
+            raise BenchmarkError(
+                f"the monitor did not start: {(place / 'monitor.log').read_text()}"
+            )
         treat(monitor)
 
     try:

@@ -13,39 +13,39 @@ from formnet.lab.runs.build import stale
 SECTIONS: dict[tuple[str, str], dict[str, str]] = {
     ("A run", "run"): {
         "run": "Run SCENARIO and judge it.",
-        "check": "Validate SCENARIO; say what the theory makes of it.",
-        "new": "Write a scenario to begin with.",
-        "scenarios": "List the scenarios that come along.",
-        "laws": "List the control laws that law.kind can name.",
+        "check": "Validate SCENARIO; print what the theory predicts.",
+        "new": "Write a commented scenario to start from.",
+        "scenarios": "List the packaged scenarios.",
+        "laws": "List the control laws available for law.kind.",
     },
     ("Watch", "watch"): {
-        "monitor": "Watch a run that goes on.",
-        "replay": "Watch a recorded run again.",
+        "monitor": "Watch a run in progress.",
+        "replay": "Replay a recorded run.",
     },
     ("Look back", "look"): {
         "list": "List the runs in DIR (runs/), newest first.",
-        "report": "Make report.html again, from a run's folder.",
-        "plot": "Draw a run's figures again, from its folder.",
-        "compare": "Put runs side by side.",
+        "report": "Recreate report.html from a run's folder.",
+        "plot": "Redraw a run's figures from its folder.",
+        "compare": "Compare runs side by side.",
         "export": "Write a run as MCAP or CSV.",
-        "verify": "Run recorded runs again; compare every bit.",
+        "verify": "Repeat recorded runs; compare every bit.",
     },
     ("Many runs", "many"): {
-        "claims": "Run every claim of the paper, judge each.",
-        "nemesis": "Break SCENARIO with random failures.",
+        "claims": "Run and judge every claim of the paper.",
+        "nemesis": "Test SCENARIO with random failures.",
     },
     ("Networks and machines", "machines"): {
-        "netem-bridge": "Join two Zenoh networks by emulated links.",
-        "doctor": "Check this machine and others; say how to mend what is wrong.",
-        "keys": "Make certificates: who is who in a run.",
+        "netem-bridge": "Join two Zenoh networks through emulated links.",
+        "doctor": "Check this machine and hosts; say how to fix problems.",
+        "keys": "Make certificates for the processes of a run.",
     },
     ("Editors and shells", "editors"): {
         "schema": "Print the JSON Schema of scenarios, for editors.",
-        "completion": "Print what SHELL must evaluate to complete formnet.",
+        "completion": "Print the completion script for SHELL.",
     },
     ("Started by formnet run", "processes"): {
-        "plant": "Be the plant of a run of SCENARIO.",
-        "agent": "Be one robot of a run.",
+        "plant": "Run the plant process of a run of SCENARIO.",
+        "agent": "Run the process of one robot.",
     },
 }
 """What --help shows: by title and folder of each section, its commands and their first lines."""

@@ -91,7 +91,7 @@ def assess(scenario: Scenario) -> Assessment:
 def _broken_assumptions(scenario: Scenario) -> list[str]:
     broken = []
     if (groups := _parts(scenario)) is not None:
-        broken.append(f"Assumption 1 (connected graph): the graph falls into {groups}")
+        broken.append(f"Assumption 1 (connected graph): the graph has components {groups}")
     w1 = scenario.law.w1
     if w1.bias == 0.0 and (w1.amplitude == 0.0 or w1.frequency_radps == 0.0):
         broken.append("Assumption 2 (persistent excitation): w1 is zero at all times")
@@ -107,7 +107,7 @@ def _parts(scenario: Scenario) -> str | None:
 def _out_of_touch(scenario: Scenario, apart: list[str]) -> list[str]:
     """That robots do not hear of each other, from the start or, if anything is claimed, later."""
     groups = _parts(scenario)
-    found = [] if groups is None else [f"formation.edges: the graph falls into {groups}"]
+    found = [] if groups is None else [f"formation.edges: the graph has components {groups}"]
     return found + _not_coming_about(scenario, apart)
 
 
@@ -115,7 +115,7 @@ def _not_coming_about(scenario: Scenario, apart: list[str]) -> list[str]:
     expect = scenario.expect
     if expect is None or not any(getattr(expect, claim) for claim in CLAIMS):
         return []
-    return [f"[expect] claims what may not come about: {since}" for since in apart]
+    return [f"[expect] may be unattainable: {since}" for since in apart]
 
 
 def _uncovered(scenario: Scenario) -> list[str]:
@@ -125,7 +125,7 @@ def _uncovered(scenario: Scenario) -> list[str]:
     if law.kind != "cooperative":
         gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
     if law.delta == "printed":
-        gaps.append("Δ has the sign printed in Eq. 19, with which the proofs fail")
+        gaps.append("with the sign of Δ printed in Eq. 19 the proofs fail")
     delays: dict[int, set[int | None]] = {}
     for source, destination in scenario.directed_links:
         delay_ns = scenario.link_settings(source, destination).constant_ns
@@ -133,11 +133,11 @@ def _uncovered(scenario: Scenario) -> list[str]:
     uneven = [r for r, values in delays.items() if len(values) > 1 and None not in values]
     if uneven:
         gaps.append(
-            f"the delays δ_i belong to the sender, and robot {uneven[0]}'s differ by receiver"
+            f"the theorems assume one delay δ_i per sender; robot {uneven[0]}'s differ by receiver"
         )
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
     if not damped and any(value for values in delays.values() for value in values):
-        gaps.append("with delays, Theorems 5 and 6 need some μ > 0")
+        gaps.append("with delays, Theorems 5 and 6 require some μ > 0")
     if law.level == "dynamic":
         gaps.extend(outside_model(scenario))
     return gaps
@@ -204,8 +204,8 @@ def _split(scenario: Scenario) -> list[str]:
     if len(groups) < 2:
         return []
     return [
-        f"from {since_ns / 1e9:g} s on, the robots that are up do not all hear of each other; at "
-        f"the end they fall into {_in_braces(groups)}"
+        f"from {since_ns / 1e9:g} s on, the graph of the robots that are up is not connected; at "
+        f"the end the components are {_in_braces(groups)}"
     ]
 
 
@@ -278,13 +278,14 @@ def _expectation_warnings(
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
     if expect.centroid and not damped:
         warnings.append(
-            "expect.centroid = true, but no robot has positive damping (Theorem 2 asks for Σμ > 0)"
+            "expect.centroid = true, but no robot has positive damping (Theorem 2 requires Σμ > 0)"
         )
     stated = {claim: getattr(expect, claim) for claim in CLAIMS}
     warnings += _not_coming_about(scenario, apart)
     if beyond and any(stated.values()):
         warnings.append(
-            "[expect] claims what no theorem covers" + (f": {'; '.join(gaps)}" if gaps else "")
+            "[expect] makes claims that no theorem covers"
+            + (f": {'; '.join(gaps)}" if gaps else "")
         )
     elif theorem is not None:
         warnings += [

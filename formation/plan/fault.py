@@ -193,7 +193,7 @@ def _happen(verb: Verb, robot: int, state: _State, tick: int) -> None:
     if just in _FOR_A_TICK:
         raise _Impossible(
             f"cannot {verb} robot {robot}: it is {_DONE[just]} at that tick, and must be "
-            f"{_FOR_A_TICK[just]} for one tick at least before it is {_DONE[verb]}"
+            f"{_FOR_A_TICK[just]} for at least one tick before it is {_DONE[verb]}"
         )
     state.undergo(verb, tick)
 
@@ -205,7 +205,7 @@ def _chosen(
         return list(states) if whom == "*" else list(dict.fromkeys(named(whom)))
     candidates = [robot for robot, state in states.items() if state.now in _NEEDS[verb]]
     if len(candidates) < whom.random:
-        raise _Impossible(f"random = {whom.random}: {verb} can happen to {len(candidates)}")
+        raise _Impossible(f"random = {whom.random}: {verb} is possible for {len(candidates)}")
     random = stream(seed, "timeline", index, "robots")
     drawn = sorted((random.random(), robot) for robot in candidates)[: whom.random]
     return [robot for _, robot in sorted(drawn, key=lambda item: candidates.index(item[1]))]

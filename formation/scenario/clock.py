@@ -11,7 +11,7 @@ class Clock(Table):
     """``[clock]``: virtual time in lockstep or real time, and the periods of the sampled loop."""
 
     mode: Literal["lockstep", "realtime"] = Field(
-        default="lockstep", description="Virtual time, exactly repeatable, or the wall clock."
+        default="lockstep", description="Exactly repeatable virtual time, or real time."
     )
     control_period_s: PositiveSeconds = Field(
         default=0.001, description="The law is evaluated, and its command held, for this long."

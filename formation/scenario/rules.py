@@ -64,7 +64,7 @@ def _check_multiple(place: str, value_s: float, name: str, clock: Clock) -> Iter
         place,
         str(value_s),
         f"must be a multiple of {name} = {clock.control_period_s}: times are whole nanoseconds, "
-        f"and {value_ns} ns is no multiple of {period_ns} ns"
+        f"and {value_ns} ns is not a multiple of {period_ns} ns"
         + (f" (nearest: {' or '.join(near)})" if near else ""),
     )
 
@@ -75,7 +75,7 @@ def _check_silence(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(
             "neighbours.silence_s",
             str(neighbours.silence_s),
-            f"must be at least clock.broadcast_period_s = {period_s}: nobody is heard more often",
+            f"must be at least clock.broadcast_period_s = {period_s}, the broadcast interval",
         )
 
 
@@ -96,10 +96,10 @@ def _check_edges(scenario: Scenario) -> Iterator[Problem]:
         yield from _unknown_robots(scenario, place, edge)
         key = (min(edge), max(edge))
         if edge[0] == edge[1]:
-            yield Problem(place, value, "joins a robot to itself")
+            yield Problem(place, value, "connects a robot to itself")
         elif key in seen:
             yield Problem(
-                place, value, f"repeats formation.edges[{seen[key]}]; edges have no direction"
+                place, value, f"repeats formation.edges[{seen[key]}]; edges are undirected"
             )
         seen.setdefault(key, index)
 
@@ -112,7 +112,7 @@ def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
     for name, weight in coupling.items():
         if name not in names:
             yield Problem(
-                f'formation.coupling."{name}"', str(weight), "names no edge of formation.edges"
+                f'formation.coupling."{name}"', str(weight), "is not an edge of formation.edges"
             )
     for first, second in scenario.formation.edges:
         here = [n for n in (f"{first}-{second}", f"{second}-{first}") if n in coupling]
@@ -122,7 +122,7 @@ def _check_coupling(scenario: Scenario) -> Iterator[Problem]:
                 None,
                 "is required: a table needs one weight for every edge"
                 if not here
-                else f'given twice (also as "{second}-{first}"); b_ji = b_ij is one number',
+                else f'given twice (also as "{second}-{first}"); b_ji and b_ij are the same weight',
             )
 
 
@@ -166,7 +166,7 @@ def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
     links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
     for index, entry in links:
         if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
-            yield Problem(f"timeline[{index}]", None, "concerns no link of formation.edges")
+            yield Problem(f"timeline[{index}]", None, "applies to no link of formation.edges")
     for source, destination in scenario.directed_links:
         timeline = scenario.timeline_of(source, destination)
         try:

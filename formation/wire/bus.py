@@ -136,7 +136,7 @@ def session(
             hint = " (or it refuses this certificate, or is not of this authority)"
         reason = re.sub(r"\s+at \S+\.rs:\d+", "", str(error))  # Zenoh says where in its source
         if connect and "Timeout" in reason:
-            reason = f"nobody answered for {patience_s:g} s"
+            reason = f"no answer for {patience_s:g} s"
         raise BusError(f"cannot {what}: {reason}{hint}") from None
     try:
         yield opened

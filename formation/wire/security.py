@@ -37,7 +37,7 @@ class Credentials:
     def __post_init__(self) -> None:
         for path in (self.authority, self.certificate, self.private_key):
             if not path.is_file():
-                raise KeysError(f"{path} is not there: make it with `formnet keys init`")
+                raise KeysError(f"{path} is missing: make it with `formnet keys init`")
         if self.private_key.stat().st_mode & 0o077:
             raise KeysError(f"{self.private_key} can be read by others: chmod 600 it")
 

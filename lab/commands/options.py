@@ -21,7 +21,7 @@ class Command(click.Command):
         except click.NoSuchOption as error:
             if error.possibilities or all(p.name != "overrides" for p in self.params):
                 raise
-            hint = "What stands in a scenario is set by --set, e.g. --set clock.mode=realtime."
+            hint = "To change a value of the scenario, use --set, e.g. --set clock.mode=realtime."
             raise click.NoSuchOption(
                 error.option_name, f"{error.message} {hint}", ctx=error.ctx
             ) from None
@@ -80,10 +80,10 @@ INLINE_RUNS = click.option(
     "engine",
     flag_value="inline",
     default="distributed",
-    help="Every run in one process, as many at once as cores.",
+    help="Each run in one process; as many runs in parallel as cores.",
 )
 JOBS = click.option(
-    "--jobs", type=Whole(1), help="Inline runs at once  [default: one for each core]"
+    "--jobs", type=Whole(1), help="Inline runs in parallel  [default: one per core]"
 )
 OVERRIDE = click.option(
     "--set",
@@ -93,16 +93,18 @@ OVERRIDE = click.option(
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
 )
 RUN_ID = click.option(
-    "--run", "run_name", required=True, metavar="ID", help="The run to take part in."
+    "--run", "run_name", required=True, metavar="ID", help="Id of the run to join."
 )
 KEYS = click.option(
     "--keys",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Speak TLS, with the certificates in DIR (`formnet keys init` makes them).",
+    help="Use TLS with the certificates in DIR (made by `formnet keys init`).",
 )
 PLAINTEXT = click.option(
-    "--plaintext", is_flag=True, help="Off loopback without TLS: only on a network that you trust."
+    "--plaintext",
+    is_flag=True,
+    help="Allow addresses off loopback without TLS: only on a network that you trust.",
 )
 LONGEST_LEASE_S = 3600.0
 LEASE = click.option(
@@ -112,15 +114,15 @@ LEASE = click.option(
     default=LONGEST_LEASE_S,
     show_default=True,
     metavar="SECONDS",
-    help="The other end takes this one for gone once it has said nothing for so long.",
+    help="The other end closes the connection after this long without a message.",
 )
 LEASH = click.option(
-    "--leash", is_flag=True, help="End when standard input ends (the launcher's way to stop)."
+    "--leash",
+    is_flag=True,
+    help="End when standard input closes (this is how the launcher stops it).",
 )
-VIEW = click.option("--view", is_flag=True, help="Watch it in a window (Rerun).")
-WEB = click.option(
-    "--web", is_flag=True, help="Watch it in a browser; the address is on this machine alone."
-)
+VIEW = click.option("--view", is_flag=True, help="Show the run in a window (Rerun).")
+WEB = click.option("--web", is_flag=True, help="Show the run in a browser on this machine.")
 
 
 def viewer(*, view: bool, web: bool) -> str | None:
@@ -141,7 +143,7 @@ def need_inline(jobs: int | None, engine: "EngineName") -> None:
         click.UsageError: so it was.
     """
     if jobs is not None and engine != "inline":
-        raise click.UsageError("--jobs goes with --inline: a distributed run has all cores")
+        raise click.UsageError("--jobs requires --inline: a distributed run uses all cores")
 
 
 def fail(code: int, text: str) -> NoReturn:

@@ -51,10 +51,10 @@ def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
         try:
             return Foresight(None, trial.next(FOLLOW_S))
         except TimeoutError:
-            fear = f"had not answered after {FOLLOW_S:g} s{trial.where}"
+            fear = f"did not return within {FOLLOW_S:g} s{trial.where}"
         except EOFError:
             fear = trial.ended()
-    fears = [f"law {kind!r} {fear} when it was tried before the run"]
+    fears = [f"law {kind!r} {fear} in the trial before the run"]
     return Foresight(None, [*assess(scenario).warnings, *fears])
 
 
@@ -106,7 +106,7 @@ class _Trial:
             if isinstance(found, list):
                 return found
             self.where = f" (it is at {found})"
-            self._say(f"the law takes its time; it is at {found}")
+            self._say(f"the law has not returned yet; it is at {found}")
         raise TimeoutError
 
     def ended(self) -> str:
@@ -114,7 +114,7 @@ class _Trial:
         self._child.join()
         code = self._child.exitcode
         if code is not None and code < 0:
-            return f"brought its process down (signal {-code})"
+            return f"crashed its process (signal {-code})"
         return f"ended its process (exit code {code})"
 
 
@@ -123,9 +123,9 @@ def _first(trial: _Trial, kind: str, limit_s: float) -> str | None:
     try:
         problem = trial.next(limit_s)
     except TimeoutError:
-        return f"law {kind!r} was not there after {limit_s:g} s{trial.where}"
+        return f"law {kind!r} was not ready within {limit_s:g} s{trial.where}"
     except EOFError:
-        return f"law {kind!r} {trial.ended()} when it was imported and built"
+        return f"law {kind!r} {trial.ended()} while it was imported and constructed"
     return problem[0] if problem else None
 
 

@@ -93,7 +93,7 @@ def _sampling(scenario: Scenario) -> Iterator[str]:
     try:
         way = course(scenario, MOST_S)
     except LawFailed as error:
-        yield f"the law, tried before the run, failed: robot {error.robot}: {error}"
+        yield f"the law failed in the trial before the run: robot {error.robot}: {error}"
         return
     longest_s = longest_period_s(way)
     if period_s <= longest_s:
@@ -115,9 +115,9 @@ def _sampling(scenario: Scenario) -> Iterator[str]:
             steep = exp(scenario.law.gamma * at_s)
             advice[-1] += f" (with a robust term {steep:.2g} times as steep as at the start)"
     yield (
-        f"clock.control_period_s = {period_s:g}: too long for these gains; {when} "
-        f"the closed loop is as fast as {LIMIT / longest_s:.3g} 1/s, so commands held for more "
-        f"than about {longest_s:.2g} s chatter or diverge. Try {', or '.join(advice)}"
+        f"clock.control_period_s = {period_s:g}: too long for these gains: {when} "
+        f"the closed loop has a rate of {LIMIT / longest_s:.3g} 1/s, and commands held for more "
+        f"than about {longest_s:.2g} s make it chatter or diverge. Try {', or '.join(advice)}"
     )
 
 

@@ -58,7 +58,7 @@ def what_happened(judged: Mapping[str, Any], at_ns: int) -> str:
     outcome = judged["outcome"]
     if outcome["kind"] in ("completed", "diverged") or round(outcome["t_s"] * 1e9) > at_ns:
         return "something unplanned happened"
-    return f"the recorded run ended ({outcome['kind']}; whether it does so again is not looked at)"
+    return f"the recorded run ended ({outcome['kind']}; whether it ends so again is not checked)"
 
 
 def before(samples: Sequence[Sample], until_ns: int) -> list[Sample]:

@@ -229,7 +229,7 @@ class Launch:
             code = self.plant.returncode
             how = f"was killed by signal {-code}" if code < 0 else f"exited with code {code}"
             if self._hung:
-                how = f"said nothing for {self._patience_s:g} s and was killed"
+                how = f"reported nothing for {self._patience_s:g} s and was killed"
             reason = f"the plant {how}{self._last_words('plant')}"
             self._outcome = Outcome("broken", self._t_ns, None, reason)
             self._sink(self._outcome)

@@ -27,7 +27,7 @@ def find(folder: Path | None) -> tuple[str, str]:
     """Endpoint and run of ``folder``; None: of the newest below ``runs``.
 
     Raises:
-        LookupError: no run goes on there.
+        LookupError: no run in progress there.
     """
     candidates = [folder / FILE] if folder is not None else list(Path("runs").glob(f"*/{FILE}"))
     there = [file for file in candidates if file.is_file()]
@@ -36,8 +36,8 @@ def find(folder: Path | None) -> tuple[str, str]:
     if not there:
         where = folder or "runs"
         raise LookupError(
-            f"{where}: no run goes on there (on another machine: --connect with the endpoint that "
-            f"stands in {FILE} of its folder there)"
+            f"{where}: no run in progress there (on another machine: --connect with the "
+            f"endpoint in {FILE} of the run folder there)"
         )
     found = json.loads(max(there, key=lambda file: file.stat().st_mtime).read_text("utf-8"))
     return found["endpoint"], found["run"]

@@ -63,7 +63,7 @@ def make(folder: Path, robots: Sequence[int], hosts: Sequence[str], days: int) -
         signed = _certificate(name, names, key, authority.subject, authority_key, days)
         written += _write(private, key, certificate, signed)
     if not written:
-        raise KeysExist(f"{folder} has all of these keys already; none is ever overwritten")
+        raise KeysExist(f"{folder} has all of these keys already; keys are never overwritten")
     return written
 
 

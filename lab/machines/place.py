@@ -124,7 +124,7 @@ class Where:
                         lambda line: print(f"[{host.name}] {line}", end="", file=stream),
                     )
                 except HostLost as error:
-                    remedy = f"`formnet doctor --hosts {source}` says more"
+                    remedy = f"`formnet doctor --hosts {source}` shows more"
                     raise HostUnreachable(f"{error} ({remedy})") from None
 
             meeting = self.router or hosts.listen

@@ -61,7 +61,7 @@ def _messages(run: Collected) -> Iterator[str]:
         "without any fate", [f"{s}→{r} number {k}" for s, r, k in sorted(sent - set(fates))]
     )
     yield from _few(
-        "from a robot that was down, or of nobody",
+        "from a robot that was down or does not exist",
         [f"{s}→{r} number {k}" for s, r, k in sorted(set(fates) - sent)],
     )
     yield from _few(
@@ -133,7 +133,7 @@ def _motion(run: Collected) -> Iterator[str]:
     """Its extremes are told once, and no sample is beyond them."""
     told = [event.details for event in run.events if event.kind == "extremes"]
     if len(told) != 1:
-        yield f"motion: its extremes must be told once, and are {len(told)} times"
+        yield f"motion: its extremes must be recorded once, and are {len(told)} times"
         return
     for row in run.samples:
         for name, size in (("speed_mps", row.speed_mps), ("turn_rate_radps", row.turn_rate_radps)):
@@ -148,7 +148,7 @@ def _motion(run: Collected) -> Iterator[str]:
             if closest is None or distance_m < closest["distance_m"]:
                 yield (
                     f"motion: robots {one.robot} and {other.robot} are {distance_m} m apart at "
-                    f"{t_ns} ns, closer than what is told: {closest}"
+                    f"{t_ns} ns, closer than recorded: {closest}"
                 )
                 return
 

@@ -56,10 +56,10 @@ def unfit(scenario: Scenario) -> str | None:
     if scenario.run.on_unscheduled_loss == "abort":
         return 'run.on_unscheduled_loss = "abort": must be "continue", or one loss ends a run'
     if not scenario.directed_links:
-        return "formation.edges = []: needs an edge: what fails is links, too"
+        return "formation.edges = []: needs an edge: links fail, too"
     expect = scenario.expect
     if expect is None or not (expect.formation or expect.heading or expect.centroid):
-        return "expect: must claim formation, heading or centroid, to say what recovery is"
+        return "expect: must claim formation, heading or centroid, to define recovery"
     return None
 
 
@@ -119,7 +119,7 @@ def _differences(first: Collected, second: Collected) -> list[str]:
         problems.append(f"not deterministic: motion, {moved}")
     refused = [verdict.rejections(run) for run in (first, second)]
     if refused[0] != refused[1]:
-        problems.append(f"not deterministic: refused messages {refused[0]} and {refused[1]}")
+        problems.append(f"not deterministic: rejected messages {refused[0]} and {refused[1]}")
     return problems
 
 

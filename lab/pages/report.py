@@ -205,9 +205,9 @@ def _headline(run: Recorded, standing: str) -> str:
     judged = run.verdict
     if judged is None:
         if run.running:
-            return "It is still running; formnet report makes this page again."
+            return "It is still running; formnet report updates this page."
         if run.outcome is None:
-            return "It was ended from outside: nothing says how, and nothing was judged."
+            return "It was ended from outside, for an unknown reason; nothing was judged."
         return f"It was not judged. {run.outcome.reason}".strip()
     outcome, titles = judged["outcome"], claim_words.titles(run.scenario)
     if standing == verdict.HOLDS:
@@ -222,9 +222,9 @@ def _headline(run: Recorded, standing: str) -> str:
         return f"Nothing was claimed. Observed: {', '.join(seen) or claim_words.NOTHING}."
     if standing == "lost" and outcome["kind"] == "completed":
         who = named([item["robot"] for item in judged["robots"]["lost"]])
-        return f"Nothing was claimed, and not every robot lasted: it lost {who}."
+        return f"Nothing was claimed, and not every robot survived: it lost {who}."
     who = "" if outcome["robot"] is None else f", robot {outcome['robot']}"
-    reason = outcome["reason"].rstrip(".") or "nothing says why"
+    reason = outcome["reason"].rstrip(".") or "no reason is known"
     return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s{who}: {reason}."
 
 
@@ -254,21 +254,21 @@ def _notes(run: Recorded) -> Iterator[str]:
     if judged is None:
         return
     if not judged["robots"]["judged"]:
-        yield "Nobody is judged: every robot was down at the end."
+        yield "Nothing is judged: every robot was down at the end."
     elif down := judged["robots"]["down_at_the_end"]:
-        yield f"Judged without {named(down)}, down at the end."
+        yield f"Not judged: {named(down)}, down at the end."
     for lost in judged["robots"]["lost"]:
         yield f"Robot {lost['robot']} was lost at t = {lost['t_s']:.3f} s: {lost['reason']}"
     if (rises := verdict.rises_in_words(judged)) is not None:
         yield rises
     refused = sum(item["times"] for item in judged["messages"]["rejected"])
     if refused:
-        yield f"Messages refused: {refused}; see below."
+        yield f"Messages rejected: {refused}; see below."
     for item in judged["messages"].get("refused", ()):  # not in older runs
-        yield f"who has {item['who']}'s certificate was denied {item['key']}"
+        yield f"the holder of {item['who']}'s certificate was denied {item['key']}"
     if _falling(judged):
         yield (
-            "What fails was still falling at the end: it may need a longer run "
+            "The errors that fail were still decreasing at the end: a longer run may help "
             "(--set duration_s=…)."
         )
     yield from judged.get("warnings", assess(run.scenario).warnings)  # not in older runs

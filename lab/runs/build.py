@@ -23,13 +23,13 @@ def stale() -> str | None:
         source = built.with_name(built.name.partition(".")[0] + ".py")
         if not source.exists():
             return (
-                f"{built.relative_to(_ROOT)} was compiled from a source that is gone: delete it, "
-                "or run `make clean` and begin anew"
+                f"{built.relative_to(_ROOT)} was compiled from a source that no longer exists: "
+                "delete it, or run `make clean`"
             )
         if built.stat().st_mtime < source.stat().st_mtime:
             return (
                 f"{source.relative_to(_ROOT)} is newer than its compiled module: run `make build`, "
-                "or `make clean` to work with the source alone"
+                "or `make clean` to work without compiled modules"
             )
     return None
 

@@ -14,7 +14,7 @@ class RunExists(FileExistsError):
     """The place for a new folder or file is taken."""
 
     def __init__(self, place: Path) -> None:
-        super().__init__(f"{place} exists already; nothing is ever overwritten")
+        super().__init__(f"{place} exists already; nothing is overwritten")
 
 
 def check_free(folder: Path) -> None:

@@ -9,7 +9,7 @@ def told(kind: str, details: Mapping[str, Any]) -> str:
     if kind == "timing":  # robots by name, each with a table
         robots = details["robots"].values()
         missed, periods = (sum(own[key] for own in robots) for key in ("missed", "periods"))
-        return f"{missed} of {periods} periods missed (verdict.json has all)"
+        return f"{missed} of {periods} periods missed (all are in verdict.json)"
     if kind == "extremes":
         return "; ".join(f"{what} {words}" for what, words in extremes_told(details).items())
     return "; ".join(

@@ -1,4 +1,4 @@
-"""``formnet new``: a scenario to begin with, whose gains and periods suit what was asked for."""
+"""``formnet new``: a commented scenario to start from, with gains and periods that suit it."""
 
 import re
 from collections.abc import Iterator

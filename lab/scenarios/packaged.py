@@ -1,4 +1,4 @@
-"""The scenarios that come along with formnet, and what a SCENARIO argument means."""
+"""The packaged scenarios, and what a SCENARIO argument means."""
 
 import tomllib
 from collections.abc import Iterator

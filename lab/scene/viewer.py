@@ -66,7 +66,7 @@ class Viewer:
                 return
             time.sleep(_LOOK_S)
         if self.process.poll() is None:
-            raise ViewerFailed(f"the Rerun viewer is not there after {_START_S:g} s")
+            raise ViewerFailed(f"the Rerun viewer did not start within {_START_S:g} s")
         assert self.process.stderr is not None
         said = self.process.stderr.read().decode(errors="replace").strip().splitlines()
         reason = said[-1] if said else f"exit code {self.process.returncode}"

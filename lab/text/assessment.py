@@ -24,7 +24,7 @@ def describe(scenario: Scenario) -> list[str]:
             ", ".join(
                 f"{claim} {'yes' if value else 'no'}" for claim, value in assessment.claims.items()
             )
-            or "none"
+            or "nothing"
         ),
     ]
 
@@ -34,7 +34,7 @@ def describe_plan(scenario: Scenario) -> list[str]:
     plan = scenario.plan
     if not plan:
         return []
-    lines = ["  plan:"]
+    lines = ["  planned events:"]
     for entry in plan:
         lines.append(f"    {entry.at_s:9.3f} s  {entry.what}")
         if entry.at_s > scenario.duration_s:

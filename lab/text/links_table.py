@@ -45,7 +45,7 @@ def links_table(links: Sequence[tuple[str, Mapping[str, Any]]], where_all_are: s
         )
     made = table(title, columns, rows, where_all_are, width)
     if in_flight := sum(link["in_flight"] for _, link in links):
-        said = f"messages still on their way at the end: {in_flight}"
+        said = f"messages in flight at the end: {in_flight}"
         made.caption = f"{made.caption}\n{said}" if made.caption else said
     return made
 

@@ -105,8 +105,8 @@ class Watch:
                 )
             elif record.kind == "silent at the end":
                 self._console.print(
-                    f"[yellow]silent at the end:[/] {named(record.details['robots'])}: what became "
-                    "of messages since the last report is not known",
+                    f"[yellow]silent at the end:[/] {named(record.details['robots'])}: the fate of "
+                    "messages since the last report is unknown",
                     soft_wrap=True,
                 )
             self._waits.take(record)

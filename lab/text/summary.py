@@ -42,9 +42,9 @@ def claims_table(judged: dict[str, Any], scenario: Scenario) -> Table:
         )
     why = f": {escape(judged['why'])}" if of_the_paper(scenario) else ""
     title = f"{judged['scenario']}{why}"
-    made = table(title, columns, rows, "verdict.json has all", output().width)
+    made = table(title, columns, rows, "all are in verdict.json", output().width)
     if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
-        said = "of V: the largest rise of the whole run, by its share of V"
+        said = "V: the largest rise of the whole run, relative to V"
         made.caption = f"{made.caption}\n{said}" if made.caption else said
     return made
 
@@ -77,7 +77,7 @@ def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
                 known if bound_s <= sync_bound_s else f"[red]{known}[/]",
             ]
         )
-    where = "verdict.json has all"
+    where = "all are in verdict.json"
     return table(f"real time (p50, p99 in ms; {where})", columns, rows, where, output().width)
 
 
@@ -95,7 +95,7 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
         )
     if outcome["kind"] == "diverged":
         for warning in judged["warnings"]:
-            console.print(f"[yellow]it was warned:[/] {escape(warning)}", soft_wrap=True)
+            console.print(f"[yellow]earlier warning:[/] {escape(warning)}", soft_wrap=True)
     if (rises := verdict.rises_in_words(judged)) is not None:
         console.print(escape(rises), soft_wrap=True)
     robots = judged["robots"]
@@ -106,9 +106,9 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
             soft_wrap=True,
         )
     if not robots["judged"]:
-        console.print("nobody is judged: every robot was down at the end")
+        console.print("nothing is judged: every robot was down at the end")
     elif robots["down_at_the_end"]:
-        console.print(f"judged without {named(robots['down_at_the_end'])}, down at the end")
+        console.print(f"not judged: {named(robots['down_at_the_end'])}, down at the end")
     for item in judged["messages"]["rejected"]:
         console.print(
             f"[yellow]rejected:[/] robot {item['robot']} refused messages from "
@@ -116,14 +116,14 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
         )
     for item in judged["messages"]["refused"]:
         console.print(
-            f"[yellow]refused:[/] who has {item['who']}'s certificate was denied "
+            f"[yellow]refused:[/] the holder of {item['who']}'s certificate was denied "
             f"{escape(item['key'])}, {item['times']} × or more",
             soft_wrap=True,
         )
     if judged["realtime"] is not None:
         console.print(timing_table(judged["realtime"], scenario.clock.sync_bound_s))
     factor = judged["realtime_factor"] or 0.0
-    settled = {"never": "it never settled; ", "–": ""}.get(
+    settled = {"never": "it did not settle; ", "–": ""}.get(
         at := verdict.settled(judged), f"settled after {at}; "
     )
     console.print(
@@ -138,7 +138,7 @@ def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> N
 def _in_a_word(judged: dict[str, Any], titles: dict[str, str]) -> str:
     claims = verdict.claimed(judged)
     if not claims:
-        trouble = "" if verdict.passed(judged) else ", but not all went well"
+        trouble = "" if verdict.passed(judged) else ", but the run diverged or lost a robot"
         return f"nothing was claimed{trouble}"
     if verdict.standing(judged) == verdict.HOLDS:
         return "[green]every claim holds[/]"

@@ -70,7 +70,7 @@ def table(
         made.add_row(*(row[k] for k in shown))
     if len(shown) < len(columns):
         missing = ", ".join(columns[k].head for k in range(len(columns)) if k not in shown)
-        made.caption = f"no room for: {missing} ({where_all_is})"
+        made.caption = f"columns left out: {missing} ({where_all_is})"
     return made
 
 

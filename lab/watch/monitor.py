@@ -108,7 +108,7 @@ class Feed:
                     text, told, number = msgpack.unpackb(reply.ok.payload.to_bytes())
                     return loads(text, "the run's scenario"), told, number
             time.sleep(_DRAW_S)
-        raise NoRun(f"nobody tells of a run {self.run!r} here: is it over, or an older version?")
+        raise NoRun(f"no plant answers for run {self.run!r} here: is it over, or an older version?")
 
 
 def _record(packed: bytes) -> Record:
@@ -144,12 +144,13 @@ def _only_run(session: zenoh.Session, endpoint: str) -> str:
         found = sorted({str(r.ok.key_expr).split("/")[1] for r in replies if r.ok is not None})
         if len(found) > 1:
             raise NoRun(
-                f"{endpoint}: several runs go on here; say which with --run: " + ", ".join(found)
+                f"{endpoint}: several runs in progress here; choose one with --run: "
+                + ", ".join(found)
             )
         if found:
             return found[0]
         time.sleep(_DRAW_S)
-    raise NoRun(f"{endpoint}: no run goes on here")
+    raise NoRun(f"{endpoint}: no run in progress here")
 
 
 class Monitor:

@@ -50,7 +50,9 @@ class Watcher:
             self._say(said)
             return
         text = (self._folder / "logs" / "monitor.log").read_text(encoding="utf-8")
-        self._say("nobody watches: " + (text.strip() or f"no sign of it after {_START_S:g} s"))
+        self._say(
+            "the monitor did not start: " + (text.strip() or f"no sign of it after {_START_S:g} s")
+        )
 
     def stay(self, stopped: Callable[[], bool]) -> None:
         """After the run: keep the page until ``stopped``, or let the window have the rest."""

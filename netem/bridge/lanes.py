@@ -40,7 +40,7 @@ def checked_keys(text: str) -> str:
     try:
         zenoh.KeyExpr(text)
     except zenoh.ZError:
-        raise ValueError(f"{text!r} is no key expression, such as robot/** or */pose") from None
+        raise ValueError(f"{text!r} is not a key expression, such as robot/** or */pose") from None
     return text
 
 

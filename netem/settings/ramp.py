@@ -52,7 +52,7 @@ def checked_parameter(parameter: str) -> str:
     """
     if parameter not in ramped():
         hint = nearest(parameter, ramped()) or "; these can be: " + ", ".join(ramped())
-        raise ValueError(f"{parameter!r} is no number of a link's settings{hint}")
+        raise ValueError(f"{parameter!r} is not a number in a link's settings{hint}")
     return parameter
 
 

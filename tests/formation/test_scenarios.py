@@ -114,12 +114,12 @@ BAD = {
     "edge to itself": (
         "[5, 1]]",
         "[5, 5]]",
-        "formation.edges[4] = [5, 5]: joins a robot to itself",
+        "formation.edges[4] = [5, 5]: connects a robot to itself",
     ),
     "edge twice": (
         "[5, 1]]",
         "[2, 1]]",
-        "formation.edges[4] = [2, 1]: repeats formation.edges[0]; edges have no direction",
+        "formation.edges[4] = [2, 1]: repeats formation.edges[0]; edges are undirected",
     ),
     "id twice": (
         "[expect]",
@@ -130,13 +130,13 @@ BAD = {
         "broadcast_period_s = 0.01",
         "broadcast_period_s = 0.0105",
         "clock.broadcast_period_s = 0.0105: must be a multiple of control_period_s = 0.001: times are whole nanoseconds, "
-        "and 10500000 ns is no multiple of 1000000 ns (nearest: 0.01 or 0.011)",
+        "and 10500000 ns is not a multiple of 1000000 ns (nearest: 0.01 or 0.011)",
     ),
     "duration": (
         "duration_s = 40.0",
         "duration_s = 40.0005",
         "duration_s = 40.0005: must be a multiple of clock.control_period_s = 0.001: times are whole nanoseconds, "
-        "and 40000500000 ns is no multiple of 1000000 ns (nearest: 40.0 or 40.001)",
+        "and 40000500000 ns is not a multiple of 1000000 ns (nearest: 40.0 or 40.001)",
     ),
     "coupling misses an edge": (
         "coupling = 2.0",
@@ -167,7 +167,7 @@ BAD = {
         "coupling = 2.0",
         'coupling = { "1-2" = 2.0, "2-3" = 2.0, "3-4" = 2.0, "4-5" = 2.0, '
         '"5-1" = 2.0, "1-3" = 1.0 }',
-        'formation.coupling."1-3" = 1.0: names no edge of formation.edges',
+        'formation.coupling."1-3" = 1.0: is not an edge of formation.edges',
     ),
     "link from nowhere": (
         "[robot_defaults]",
@@ -215,10 +215,10 @@ def test_60_hz_is_told_in_nanoseconds_with_the_nearest_values_that_would_do():
     found = problems(text, "duration_s=1.0")
     assert found == [
         "clock.broadcast_period_s = 0.1: must be a multiple of control_period_s = "
-        "0.016666666666666666: times are whole nanoseconds, and 100000000 ns is no multiple of "
+        "0.016666666666666666: times are whole nanoseconds, and 100000000 ns is not a multiple of "
         "16666667 ns (nearest: 0.083333335 or 0.100000002)",
         "duration_s = 1.0: must be a multiple of clock.control_period_s = "
-        "0.016666666666666666: times are whole nanoseconds, and 1000000000 ns is no multiple of "
+        "0.016666666666666666: times are whole nanoseconds, and 1000000000 ns is not a multiple of "
         "16666667 ns (nearest: 0.983333353 or 1.00000002)",
     ]
     loads(text, "f", ["clock.broadcast_period_s=0.100000002", "duration_s=0.983333353"])
@@ -400,7 +400,9 @@ def test_check_warns_of_broken_assumptions():
 def test_an_option_that_is_a_key_of_scenarios_is_told_how(command):
     result = CliRunner().invoke(main, [command, "yard", "--mode", "realtime"])
     assert result.exit_code == 2
-    said = "No such option '--mode'. What stands in a scenario is set by --set, e.g. --set clock."
+    said = (
+        "No such option '--mode'. To change a value of the scenario, use --set, e.g. --set clock."
+    )
     assert said in result.output
     near = CliRunner().invoke(main, [command, "yard", "--sett", "seed=1"]).output
     assert "Did you mean" in near

@@ -147,7 +147,7 @@ def test_what_is_no_list_of_robots_is_said(tmp_path, text):
 
 
 def test_a_folder_of_keys_that_lacks_something(folder, tmp_path):
-    with pytest.raises(KeysError, match=r"robot-4.pem is not there: make it with `formnet keys"):
+    with pytest.raises(KeysError, match=r"robot-4.pem is missing: make it with `formnet keys"):
         Credentials(folder, robot_name(4))
     shutil.copytree(folder, tmp_path / "open")
     (tmp_path / "open" / "robot-1-key.pem").chmod(0o644)
@@ -511,7 +511,7 @@ def test_a_run_over_tls_gives_the_same_bits_and_tells_no_secret(tmp_path, folder
         assert path.is_dir() or secret not in path.read_bytes()
     code, said = formnet("run", *common, "--keys", folder, "--out", tmp_path / "lacks")
     assert code == 2
-    assert "robot-4.pem is not there: make it with `formnet keys init`" in said
+    assert "robot-4.pem is missing: make it with `formnet keys init`" in said
     code, said = formnet("run", *common, "--keys", folder, "--inline")
     assert code == 2
-    assert "--inline is one process" in said
+    assert "--inline uses one process" in said

@@ -201,10 +201,10 @@ KILL = '{at_s=2.0,action="kill",robots=2}'
 @pytest.mark.parametrize(
     ("timeline", "groups"),
     [
-        (f"{CUT},{KILL}", "from 2 s on, the robots that are up"),
+        (f"{CUT},{KILL}", "from 2 s on, the graph of the robots that are up"),
         (
             f'{CUT},{KILL},{{at_s=3.0,action="cut",links=[[5,1]]}}',
-            "at the end they fall into {1}, {3, 4}, {5}",
+            "at the end the components are {1}, {3, 4}, {5}",
         ),
         (f'{CUT},{KILL},{{at_s=3.0,action="heal"}}', None),
         (f'{CUT},{KILL},{{at_s=9.0,action="restart",robots=2}}', None),
@@ -220,7 +220,7 @@ def test_a_plan_that_leaves_robots_out_of_touch_is_warned_of(paper, timeline, gr
     scenario = paper("section5", f"timeline=[{timeline}]")
     assert assess(without_expect(scenario)).warnings == []
     warnings = assess(scenario).warnings
-    found = [warning for warning in warnings if "claims what may not come about" in warning]
+    found = [warning for warning in warnings if "may be unattainable" in warning]
     if groups is None:
         assert found == []
     else:
@@ -269,12 +269,12 @@ def test_of_a_law_that_is_not_the_paper_s_no_theorem_is_expected(paper, wrong):
 def test_that_robots_do_not_hear_of_each_other_concerns_every_law(paper):
     edges, kind = "formation.edges=[[1, 2], [3, 4], [4, 5]]", "law.kind=bang-bang"
     assert assess(paper("theorem4", edges, kind)).warnings == [
-        "formation.edges: the graph falls into {1, 2}, {3, 4, 5}"
+        "formation.edges: the graph has components {1, 2}, {3, 4, 5}"
     ]
     halves = 'timeline=[{at_s=1.0,action="partition",shape="halves"}]'
     assert assess(without_expect(paper("section5", halves, kind))).warnings == []
     (warning,) = assess(paper("section5", halves, kind)).warnings
-    assert warning.startswith("[expect] claims what may not come about: from 1 s on")
+    assert warning.startswith("[expect] may be unattainable: from 1 s on")
 
 
 @pytest.mark.parametrize(("name", "overrides", "words"), IMPERFECT)

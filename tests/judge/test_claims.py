@@ -346,10 +346,10 @@ def test_bad_use_is_said(tmp_path):
     file.write_text("no place")
     code, said = formnet("claims", "--inline", "--only", "theorem-1", "--into", file)
     assert code == 2
-    assert "--into: goes with all claims, not with --only" in said
+    assert "--into: needs all claims and excludes --only" in said
     code, said = formnet("claims", "--jobs", 2)
     assert code == 2
-    assert "--jobs goes with --inline" in said
+    assert "--jobs requires --inline" in said
     code, said = formnet("claims", "--inline", "--into", file, "--out", tmp_path / "out")
     assert code == 2
     assert "must have one line <!-- formnet claims: begin -->" in said

@@ -51,8 +51,11 @@ def law(tmp_path, monkeypatch):
     [
         ({"head": "1 / 0"}, "ZeroDivisionError: division by zero (odd_law.py:2)"),
         ({"head": "sys.exit(3)"}, "cannot be imported: SystemExit: 3"),
-        ({"head": "os._exit(0)"}, "ended its process (exit code 0) when it was imported and built"),
-        ({"head": "os.abort()"}, "brought its process down (signal 6) when it was imported and"),
+        (
+            {"head": "os._exit(0)"},
+            "ended its process (exit code 0) while it was imported and constructed",
+        ),
+        ({"head": "os.abort()"}, "crashed its process (signal 6) while it was imported and"),
         (
             {"init": "raise ValueError('mine')"},
             "law 'odd' refuses robot 1: mine (odd_law.py:6)",
@@ -73,16 +76,16 @@ def test_a_law_that_cannot_be_had(law, scenario, lines, problem):
     [
         (
             "return 1 / 0, 0.0",
-            "failed: robot 1: ZeroDivisionError: division by zero (odd_law.py:8)",
+            "before the run: robot 1: ZeroDivisionError: division by zero (odd_law.py:8)",
         ),
-        ("sys.exit(1)", "failed: robot 1: SystemExit: 1 (odd_law.py:8)"),
+        ("sys.exit(1)", "before the run: robot 1: SystemExit: 1 (odd_law.py:8)"),
         (
             "return None",
             "robot 1: TypeError: the law must return two numbers, not None (odd_law.py:7)",
         ),
-        ("raise KeyboardInterrupt", "failed: robot 1: KeyboardInterrupt (odd_law.py:8)"),
+        ("raise KeyboardInterrupt", "before the run: robot 1: KeyboardInterrupt (odd_law.py:8)"),
         ("return 'fast', 0.0", "TypeError: the law must return two numbers, not ('fast', 0.0)"),
-        ("os._exit(7)", "law 'odd' ended its process (exit code 7) when it was tried before"),
+        ("os._exit(7)", "law 'odd' ended its process (exit code 7) in the trial before"),
     ],
 )
 def test_a_law_that_fails_is_had_and_warned_of(law, scenario, command, warning):
@@ -105,7 +108,7 @@ def test_a_law_that_never_comes_back_is_given_up(law, scenario, monkeypatch):
     found = foresee(scenario)
     assert found.problem is None
     assert found.warnings[-1] == (
-        "law 'odd' had not answered after 0.5 s when it was tried before the run"
+        "law 'odd' did not return within 0.5 s in the trial before the run"
     )
 
 
@@ -116,14 +119,14 @@ def test_a_law_that_is_never_there_is_given_up_and_it_is_said_where_it_is(
     monkeypatch.setattr(foresight, "GET_S", 8.0)
     said = []
     found = foresee(scenario, said.append)
-    assert said == ["the law takes its time; it is at odd_law.py:6"]
-    assert found.problem == "law 'odd' was not there after 8 s (it is at odd_law.py:6)"
+    assert said == ["the law has not returned yet; it is at odd_law.py:6"]
+    assert found.problem == "law 'odd' was not ready within 8 s (it is at odd_law.py:6)"
 
 
 @pytest.mark.parametrize(
     ("head", "words"),
     [
-        ("while True: pass", "law 'odd' was not there after 1 s"),
+        ("while True: pass", "law 'odd' was not ready within 1 s"),
         ("1 / 0", "(odd_law:Law) cannot be imported: ZeroDivisionError"),
         ("os._exit(3)", "law 'odd' ended its process (exit code 3)"),
         ("", None),
@@ -131,7 +134,7 @@ def test_a_law_that_is_never_there_is_given_up_and_it_is_said_where_it_is(
 )
 def test_the_list_of_laws_says_which_cannot_be_imported(law, monkeypatch, head, words):
     law(head=head)
-    if words is not None and "after" in words:
+    if words is not None and "within" in words:
         monkeypatch.setattr(foresight, "IMPORT_S", 1.0)
     result = CliRunner().invoke(main, ["laws"])
     assert result.exit_code == 0

@@ -218,7 +218,7 @@ def further_apart(copy):
         (swap_samples, "the first that differs is number 5"),
         (drop_message, "without any fate: 1→2 number 40"),
         (double_message, "with several fates: 1→2 number 40"),
-        (dead_sender, "from a robot that was down, or of nobody: 3→2 number 35"),
+        (dead_sender, "from a robot that was down or does not exist: 3→2 number 35"),
         (dead_receiver, "2→3 number 33: usable at 430000000 ns by a robot that was dead"),
         (before_it_was_sent, "at an impossible time"),
         (lost_and_usable, "lost: random, usable at 900000000 ns"),
@@ -229,10 +229,10 @@ def further_apart(copy):
         (backwards, "events: pause at 600000000 ns after resume at 700000000 ns"),
         (no_end, "must begin with started and have one last tick"),
         (lost, "lost without a plan: robot 2 (its process is gone)"),
-        (no_extremes, "motion: its extremes must be told once, and are 0 times"),
+        (no_extremes, "motion: its extremes must be recorded once, and are 0 times"),
         (slower, "ns is above 1.0"),
         (turning_less, "motion: turn_rate_radps "),
-        (further_apart, "closer than what is told: {'distance_m': 99.0"),
+        (further_apart, "closer than recorded: {'distance_m': 99.0"),
     ],
 )
 def test_what_is_wrong_with_a_record_is_named(record, change, words):
@@ -363,7 +363,7 @@ def test_the_command_tries_all_seeds(root, tmp_path):
     )
     assert code == 0
     assert "4 runs, seeds 7 to 10 (" in said
-    assert "1 of them run twice and compared: all terminate, are consistent and recover" in said
+    assert "1 of them run twice and compared: all end, are consistent and recover" in said
     told = json.loads((tmp_path / "out" / "nemesis.json").read_text())
     assert [run["seed"] for run in told] == [7, 8, 9, 10]
     assert [run["run_twice"] for run in told] == [False, False, False, True]
@@ -390,7 +390,7 @@ def test_results_that_cannot_be_written_are_told_after_the_summary(root, tmp_pat
         tmp_path / "out",
     )
     assert code == 3
-    assert "all terminate, are consistent and recover" in said
+    assert "all end, are consistent and recover" in said
     assert f"{tmp_path / 'out' / 'nemesis.json'}: No space left on device" in said
 
 
@@ -418,7 +418,7 @@ def test_a_seed_that_fails_is_named_shrunk_and_kept(root, tmp_path):
         f"repeat it: formnet nemesis {scenario} --set duration_s=2.0 --inline --limit 600 "
         "--runs 1 --seed 3" in said
     )
-    assert "(none: it fails without any)" in said
+    assert "(none: it fails without episodes)" in said
     assert "1 fail: seeds 3" in said
     place = tmp_path / "out" / "seed-3"
     assert "does not converge" in (place / "problems.txt").read_text()

@@ -116,7 +116,7 @@ def test_a_law_that_raises_is_warned_of(root, monkeypatch, error):
 
     scenario = load(root / "configs" / "yard.toml")
     monkeypatch.setattr(stiffness, "make", lambda situation: Broken())
-    said = f"the law, tried before the run, failed: robot 1: {error.__name__}: none (test_stiffness"
+    said = f"the law failed in the trial before the run: robot 1: {error.__name__}: none (test_stiffness"
     assert warnings(scenario)[-1].startswith(said)
 
 
@@ -133,7 +133,7 @@ def fleet(*changes):
 def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
     monkeypatch.setattr(stiffness, "MOST_S", 60.0)  # however busy the machine is
     said = [warning for warning in warnings(fleet()) if "too long" in warning]
-    assert "after the restart of robot 3 at 25 s the closed loop is as fast as" in said[0]
+    assert "after the restart of robot 3 at 25 s the closed loop has a rate of" in said[0]
     advice = said[0].partition("Try ")[2]
     gamma, period, steep = re.fullmatch(
         r"law.gamma <= (\S+), or control_period_s <= (\S+) \(with a robust term (\S+) times as steep "

@@ -145,7 +145,7 @@ BAD_FILES = {
     "no key": ("[[network.links]]\nplayout_s = 1.0", r"network.links\[0\].key: is required"),
     "bad key": (
         '[[network.links]]\nkey = "a//b"',
-        r"network.links\[0\].key = 'a//b': 'a//b' is no key expression",
+        r"network.links\[0\].key = 'a//b': 'a//b' is not a key expression",
     ),
     "name of the default": (
         '[[network.links]]\nkey = "default"',
@@ -188,7 +188,7 @@ def bridge_command(*options):
     [
         (["--control", "8765"], "--control 8765: must be HOST:PORT"),
         (["--control", "localhost:99999"], "must be HOST:PORT"),
-        (["--key", "a//b"], "'a//b' is no key expression"),
+        (["--key", "a//b"], "'a//b' is not a key expression"),
     ],
 )
 def test_bad_options_are_named_and_exit_2(tmp_path, options, words):

@@ -201,7 +201,7 @@ def test_what_can_be_ramped_are_numbers_and_nothing_else():
     ):
         assert no_number not in ramped()
     with pytest.raises(
-        ValueError, match=r"'delay.meen_s' is no number.*did you mean 'delay.mean_s'"
+        ValueError, match=r"'delay.meen_s' is not a number.*did you mean 'delay.mean_s'"
     ):
         checked_parameter("delay.meen_s")
 
@@ -326,7 +326,7 @@ BAD = [
         r"timeline\[0\]\.action = 'explode': must be one of 'network', 'ramp', 'cut', 'heal', 'partition'",
     ),
     ('action = "cut"\nlinks = [[1, 9]]', r"timeline\[0\]: robot 9 does not exist"),
-    ('action = "cut"\nlinks = [[1, 1]]', r"timeline\[0\]: concerns no link of formation.edges"),
+    ('action = "cut"\nlinks = [[1, 1]]', r"timeline\[0\]: applies to no link of formation.edges"),
     ('action = "cut"\nlinks = [[1]]', r"timeline\[0\].links\[0\]\[1\]: is required"),
     ('action = "cut"\nin_flight = "gone"', r"in_flight = 'gone': must be 'kept' or 'lost'"),
     ('action = "cut"\nheal_after_s = 0.0', r"heal_after_s = 0.0: must be at least 1e-09"),
@@ -363,7 +363,7 @@ BAD = [
     ),
     (
         'action = "ramp"\nparameter = "loss.rate"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0',
-        r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is no number",
+        r"timeline\[0\].parameter = 'loss.rate': 'loss.rate' is not a number",
     ),
     (
         'action = "ramp"\nparameter = "delay.low_s"\nfrom_value = 0.0\nto_value = 1.0\nduration_s = 1.0',

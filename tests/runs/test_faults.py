@@ -115,11 +115,11 @@ def test_actions_take_effect_at_the_first_tick_from_their_instant_on():
 DONE = {"kill": "killed", "restart": "restarted", "pause": "paused", "resume": "resumed"}
 BEFORE = {"kill": "up", "pause": "up", "restart": "killed", "resume": "paused"}
 AT_ONE_TICK = {
-    ("kill", "restart"): "must be down for one tick at least before it is restarted",
-    ("pause", "resume"): "must be stopped for one tick at least before it is resumed",
-    ("pause", "kill"): "must be stopped for one tick at least before it is killed",
-    ("restart", "kill"): "must be up for one tick at least before it is killed",
-    ("restart", "pause"): "must be up for one tick at least before it is paused",
+    ("kill", "restart"): "must be down for at least one tick before it is restarted",
+    ("pause", "resume"): "must be stopped for at least one tick before it is resumed",
+    ("pause", "kill"): "must be stopped for at least one tick before it is killed",
+    ("restart", "kill"): "must be up for at least one tick before it is killed",
+    ("restart", "pause"): "must be up for at least one tick before it is paused",
     ("resume", "kill"): None,  # it was stopped, and is dead
     ("resume", "pause"): None,
 }
@@ -164,7 +164,7 @@ def test_a_random_choice_is_of_those_it_can_happen_to_and_depends_on_the_seed():
     assert all(len(some) == 2 for some in picked)
     assert set().union(*picked) == {1, 3, 4, 5, 6}
     too_many = KillAction(action="kill", at_s=0.0, robots={"random": 4})
-    with pytest.raises(FaultError, match="random = 4: kill can happen to 3"):
+    with pytest.raises(FaultError, match="random = 4: kill is possible for 3"):
         spans_at_1_ms(too_many)
 
 
@@ -191,11 +191,11 @@ BAD = {
     ),
     "twice at one tick": (
         f'{kill(1.0, 2)}, {{action="restart", at_s=1.0, robots=2}}',
-        r"timeline\[1\]: cannot restart robot 2: it is killed at that tick, and must be down for one tick at least before it is restarted",
+        r"timeline\[1\]: cannot restart robot 2: it is killed at that tick, and must be down for at least one tick before it is restarted",
     ),
     "reborn and killed": (
         f"{kill(1.0, 2, 1.0)}, {kill(2.0, 2)}",
-        r"timeline\[1\]: cannot kill robot 2: it is restarted at that tick, and must be up for one tick at least before it is killed",
+        r"timeline\[1\]: cannot kill robot 2: it is restarted at that tick, and must be up for at least one tick before it is killed",
     ),
     "unknown robot": (
         kill(1.0, 9),

@@ -416,7 +416,7 @@ def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
     code = run.process.wait(60)
     judged, said = run.verdict(), " ".join(run.log.read_text().split())
     assert "waiting at t = 4.000 s for robot 1 to hand in a last report" in said
-    assert "silent at the end: robot 1: what became of messages since the last report" in said
+    assert "silent at the end: robot 1: the fate of messages since the last report" in said
     if policy == "abort":
         assert code == 3
         assert judged["outcome"]["kind"] == "lost"
@@ -445,7 +445,7 @@ def test_a_plant_in_real_time_that_dies_ends_the_run(start):
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (["run", "--inline"], "--inline: is virtual time"),
+        (["run", "--inline"], "--inline: needs virtual time"),
         (["nemesis", "--runs", "1"], 'clock.mode = "realtime": must be "lockstep"'),
     ],
 )

@@ -297,7 +297,7 @@ def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
         os.utime(path, (age, age))
     for said in (
         "agent/robot.py is newer than its compiled module: run `make build`",
-        "was compiled from a source that is gone: delete it",
+        "was compiled from a source that no longer exists: delete it",
     ):
         run = subprocess.run(
             [sys.executable, "-m", "formnet", "laws"], cwd=tmp_path, capture_output=True, text=True
@@ -575,9 +575,9 @@ def test_a_law_that_never_comes_back_costs_its_robot(start, tmp_path):
     )
     assert run.wait() == 1  # nothing was claimed, but a robot is lost
     said = " ".join(run.output().split())
-    assert "had not answered after 10 s (it is at broken_law.py:5) when it was tried" in said
+    assert "did not return within 10 s (it is at broken_law.py:5) in the trial" in said
     assert "lost at t = 0.100 s: robot 4: did not answer for 1 s" in said
-    assert "nothing was claimed, but not all went well" in said
+    assert "nothing was claimed, but the run diverged or lost a robot" in said
     again = subprocess.run(
         [sys.executable, "-m", "formnet", "verify", str(run.out)],
         capture_output=True,

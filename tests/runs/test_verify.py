@@ -62,9 +62,9 @@ def test_a_changed_state_is_named(copy):
     change(copy / "states.parquet", "heading_rad", 123, before + 1e-15)
     code, said = formnet("verify", copy)
     assert code == 1
-    assert "states.parquet is not what verdict.json has the SHA-256 of" in said
+    assert "states.parquet does not match the SHA-256 in verdict.json" in said
     assert "first at t = 0.24 s (tick 240), robot 4, heading_rad: " in said
-    assert f"{before + 1e-15!r} and {before!r} (recorded, and again)" in said
+    assert f"{before + 1e-15!r} and {before!r} (recorded, and repeated)" in said
 
 
 def test_a_changed_message_is_named(copy):
@@ -130,7 +130,7 @@ def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_
     monkeypatch.setattr(verify, "engine", lambda *_: Failing())
     code, said = formnet("verify", copy)
     assert code == 3
-    assert "could not be run again: failed, ValueError: no" in said
+    assert "could not be repeated: failed, ValueError: no" in said
     judged = json.loads((copy / "verdict.json").read_text())
     judged["outcome"] |= {"kind": "failed", "t_s": 0.2}
     (copy / "verdict.json").write_text(json.dumps(judged))

@@ -183,7 +183,7 @@ def test_the_page_tells_what_held_and_why(recorded):
     judged = json.loads((recorded / "verdict.json").read_text())
     assert "section5-delay FAILS Formation (Eq. 3) does not hold: " in text
     assert judged["why"] in text
-    assert "Judged without robot 4, down at the end." in text
+    assert "Not judged: robot 4, down at the end." in text
     assert judged["trajectory_sha256"] in text
     assert "0.200 kill robot 4" in text
     assert "0.100 network cut 1→2, in flight kept" in text
@@ -268,13 +268,13 @@ def test_a_run_that_shall_not_draw_does_not(tmp_path):
 
 def test_a_run_that_fell_short_is_told_that_it_did(copy):
     judged = json.loads((copy / "verdict.json").read_text())
-    assert "still falling" not in Page(copy / "report.html").text
+    assert "still decreasing" not in Page(copy / "report.html").text
     for name, claim in judged["claims"].items():
         if name in ENDS:
             judged[ENDS[name]] = claim["largest_in_window"] / 2
     (copy / "verdict.json").write_text(json.dumps(judged))
     report.write_report(copy)
-    assert "still falling at the end" in Page(copy / "report.html").text
+    assert "still decreasing at the end" in Page(copy / "report.html").text
 
 
 def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
@@ -293,7 +293,7 @@ def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
         "duration_s=1",
     )
     assert code == 1
-    assert "messages still on their way at the end: 10" in said
+    assert "messages in flight at the end: 10" in said
     page = Page(out / "report.html")
     assert (
         "section5-delay diverged The run diverged at t = 0.001 s, robot 1: it runs away, at "
@@ -322,7 +322,7 @@ def test_list_tells_every_kind_of_folder(copy, recorded):
     (place / "photos").mkdir()
     code, said = formnet("list", place)
     assert code == 0
-    assert "not of formnet: photos" in said
+    assert "other folders: photos" in said
     result = CliRunner().invoke(main, ["list", str(place), "--json"])
     found = {Path(e["folder"]).name: e for e in json.loads(result.stdout)}
     assert {name: (e["kind"], e["standing"]) for name, e in found.items()} == {
@@ -466,7 +466,7 @@ def test_one_scenario_with_other_bits_is_the_first_difference(recorded, copy):
 
 def test_compare_needs_two(recorded):
     code, said = formnet("compare", recorded)
-    assert (code, "two runs or more" in said) == (2, True)
+    assert (code, "at least two runs" in said) == (2, True)
 
 
 def test_key_paths_are_those_of_set():

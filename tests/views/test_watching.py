@@ -474,16 +474,16 @@ def test_what_cannot_be_watched_is_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     for arguments, words in [
-        (["monitor"], "runs: no run goes on there"),
+        (["monitor"], "runs: no run in progress there"),
         (["monitor", "nonsuch"], "nonsuch: no such folder"),
-        (["monitor", "empty"], "empty: no run goes on there"),
-        (["monitor", "empty", "--connect", "tcp/127.0.0.1:1"], "exclude each other"),
+        (["monitor", "empty"], "empty: no run in progress there"),
+        (["monitor", "empty", "--connect", "tcp/127.0.0.1:1"], "it excludes --connect"),
         (["monitor", "--view", "--web"], "--view and --web exclude each other"),
         (["monitor", "--connect", "tcp/192.0.2.1:1"], "off loopback"),
         (["replay", "empty"], "has no run.rrd"),
         (["replay", "nonsuch"], "nonsuch: no such folder"),
         (["replay", str(SECTION5)], "is a file"),
-        (["run", str(SECTION5), "--inline", "--web"], "formnet replay RUN shows it"),
+        (["run", str(SECTION5), "--inline", "--web"], "use formnet replay RUN afterwards"),
     ]:
         code, said = formnet(*arguments)
         assert (code, words in said) == (2, True), said
@@ -496,4 +496,4 @@ def test_where_no_run_goes_on_nothing_can_be_watched(monkeypatch):
     with bus.session(listen=endpoint):
         code, said = formnet("monitor", "--connect", endpoint, "--web")
     assert code == 2
-    assert f"{endpoint}: no run goes on here" in said
+    assert f"{endpoint}: no run in progress here" in said

@@ -10,7 +10,7 @@ from formnet.lab.commands.options import Command
 @click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
 @click.pass_context
 def command(context: click.Context, shell: str) -> None:
-    """Print what SHELL must evaluate to complete formnet.
+    """Print the completion script for SHELL.
 
     \b
     bash: echo 'eval "$(formnet completion bash)"' >> ~/.bashrc

@@ -26,17 +26,17 @@ from formnet.lab.text.tables import output
     "--out",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Write comparison.md, .csv and a figure into a new folder.",
+    help="Write comparison.md, .csv and a figure to a new folder.",
 )
 def command(folders: tuple[Path, ...], out: Path | None) -> None:
-    """Put runs side by side.
+    """Compare runs side by side.
 
-    Verdicts, errors, whether the bits are the same, and what differs in the scenarios.
+    Shows verdicts, errors, whether the runs are identical to the bit, and how the scenarios differ.
 
     Exit code 0; 1 if two runs of one scenario in virtual time differ in a bit; 2: bad usage.
     """
     if len(folders) < 2:
-        raise click.UsageError("compare needs two runs or more")
+        raise click.UsageError("compare needs at least two runs")
     sys.exit(compare_runs(folders, out))
 
 
@@ -44,7 +44,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
     """Print what tells the runs apart, write it down; the exit code of ``formnet compare``."""
     console = Console(stderr=True, highlight=False)
     if len(folders) > MOST_RUNS:
-        console.print(f"[red]{len(folders)} runs:[/] at most {MOST_RUNS} can be told apart")
+        console.print(f"[red]{len(folders)} runs:[/] at most {MOST_RUNS} can be compared")
         return BAD_INPUT
     found = []
     for folder in folders:
@@ -69,7 +69,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
         for item in renderables(title, compared.names, rows, page.width, _coloured):
             page.print(item)
     if out is not None:
-        console.print(f"everything is in {escape(str(out))}", soft_wrap=True)
+        console.print(f"results are in {escape(str(out))}", soft_wrap=True)
     return ONE_FAILS if compared.differs else ALL_HOLD
 
 

@@ -38,7 +38,7 @@ def command(folder: Path, kind: str, out: Path | None) -> None:
 
     MCAP is for Foxglove (needs the extra "export"), CSV for spreadsheets.
 
-    What is there is never overwritten.
+    Existing files are never overwritten.
     """
     sys.exit(export_run(folder, kind, out))
 

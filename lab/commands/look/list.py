@@ -24,7 +24,7 @@ MOST_OTHERS = 10
 
 @click.command("list", cls=Command)
 @click.argument("folder", metavar="[DIR]", default=Path("runs"), type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="For other programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(folder: Path, as_json: bool) -> None:
     """List the runs in DIR (runs/), newest first."""
     sys.exit(list_runs(folder, as_json=as_json))
@@ -35,7 +35,7 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
     console = Console(stderr=True, highlight=False)
     if not folder.is_dir():
         console.print(
-            f"[red]{escape(str(folder))}:[/] is no folder; formnet run makes runs/ where "
+            f"[red]{escape(str(folder))}:[/] is not a folder; formnet run makes runs/ where "
             "it is called",
             soft_wrap=True,
         )
@@ -54,7 +54,7 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
     if others:
         more = f" and {len(others) - MOST_OTHERS} more" if len(others) > MOST_OTHERS else ""
         named = escape(", ".join(others[:MOST_OTHERS]))
-        console.print(f"not of formnet: {named}{more}", soft_wrap=True)
+        console.print(f"other folders: {named}{more}", soft_wrap=True)
     if not entries:
         console.print(f"no runs in {escape(str(folder))}", soft_wrap=True)
         return ALL_HOLD
@@ -93,7 +93,7 @@ def _table(entries: list[Entry]) -> Table:
                 entry.when[:16].replace("T", " "),
             ]
         )
-    return table("", columns, rows, "--json has all", output().width)
+    return table("", columns, rows, "all are in --json", output().width)
 
 
 def _seconds(value: float | None) -> str:

@@ -27,7 +27,7 @@ from formnet.lab.text.problems import report_problems
     help="New folder  [default: figures/ of the run]",
 )
 def command(folder: Path, out: Path | None) -> None:
-    """Draw a run's figures again, from its folder."""
+    """Redraw a run's figures from its folder."""
     sys.exit(plot_run(folder, out))
 
 
@@ -52,5 +52,5 @@ def plot_run(folder: Path, out: Path | None) -> int:
         return code_of(error)
     for problem in run.problems:
         console.print(f"[yellow]without:[/] {escape(problem)}", soft_wrap=True)
-    console.print(f"everything is in {escape(str(place))}", soft_wrap=True)
+    console.print(f"results are in {escape(str(place))}", soft_wrap=True)
     return ALL_HOLD

@@ -20,7 +20,7 @@ from formnet.lab.text.problems import report_problems
 @click.command("report", cls=Command)
 @RUNS
 def command(folders: tuple[Path, ...]) -> None:
-    """Make report.html again, from a run's folder."""
+    """Recreate report.html from a run's folder."""
     sys.exit(report_runs(folders))
 
 

@@ -39,13 +39,13 @@ from formnet.netem.settings.timeline import NEVER
     "engine",
     flag_value="distributed",
     default="inline",
-    help="Run again in many processes  [default: in one]",
+    help="Repeat as a distributed run  [default: in one process]",
 )
 def command(folders: tuple[Path, ...], engine: "EngineName") -> None:
-    """Run recorded runs again; compare every bit.
+    """Repeat recorded runs; compare every bit.
 
-    Each from its own scenario.toml. Exit code 0: identical; 1: the first difference is named;
-    2: no run that could be repeated; 3: it could not be run again; 130: interrupted.
+    Each is repeated from its own scenario.toml. Exit code 0: identical; 1: different (the first
+    difference is printed); 2: cannot be repeated; 3: repeating it failed; 130: interrupted.
     """
     sys.exit(verify_runs(folders, engine))
 
@@ -81,7 +81,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
         raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
     if recorded.scenario.clock.mode == "realtime":
         raise Unreadable(
-            'clock.mode = "realtime": a run in real time does not repeat to the bit; '
+            'clock.mode = "realtime": a run in real time is not repeatable to the bit; '
             "its virtual twin does (--set clock.mode=lockstep)"
         )
     until_ns = planned_until_ns(judged)
@@ -91,7 +91,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
             "nothing to compare: no sample was recorded before something unplanned happened"
         )
     console.print(
-        f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are run again …[/]",
+        f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are repeated …[/]",
         soft_wrap=True,
     )
     with TemporaryDirectory(prefix="formnet-verify-") as scratch:
@@ -110,7 +110,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
         return INTERRUPTED
     if again.now_ns() < samples[-1].t_ns:
         console.print(
-            f"[red]{escape(str(folder))}:[/] could not be run again: {outcome.kind}, "
+            f"[red]{escape(str(folder))}:[/] could not be repeated: {outcome.kind}, "
             + escape(outcome.reason),
             soft_wrap=True,
         )
@@ -132,16 +132,16 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
     console.print(f"{name}: [red]differs[/]", soft_wrap=True)
     if not found.sealed:
         console.print(
-            "  states.parquet is not what verdict.json has the SHA-256 of: it was "
+            "  states.parquet does not match the SHA-256 in verdict.json: it was "
             "changed after the run",
             soft_wrap=True,
         )
     if found.first is not None:
         console.print(
-            f"  first at {escape(str(found.first))} (recorded, and again)", soft_wrap=True
+            f"  first at {escape(str(found.first))} (recorded, and repeated)", soft_wrap=True
         )
     if found.motion is not None:
-        console.print(f"  motion, {escape(found.motion)} (recorded, and again)", soft_wrap=True)
+        console.print(f"  motion, {escape(found.motion)} (recorded, and repeated)", soft_wrap=True)
     if found.first is not None or found.motion is not None:
         for line in other_versions(judged):
             console.print(f"  {escape(line)}", soft_wrap=True)

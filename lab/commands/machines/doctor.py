@@ -47,13 +47,13 @@ class Check(NamedTuple):
 
 @click.command("doctor", cls=Command)
 @click.option(
-    "--hosts", type=click.Path(path_type=Path), metavar="HOSTS.toml", help="Look at these, too."
+    "--hosts", type=click.Path(path_type=Path), metavar="HOSTS.toml", help="Also check these hosts."
 )
 @KEYS
 def command(hosts: Path | None, keys: Path | None) -> None:
-    """Check this machine and others; say how to mend what is wrong.
+    """Check this machine and hosts; say how to fix problems.
 
-    Exit code 0: all is well; 2: bad usage; 3: something is not well.
+    Exit code 0: no problem found; 2: bad usage; 3: problems found.
     """
     sys.exit(examine(hosts, keys))
 
@@ -76,7 +76,7 @@ def examine(path: Path | None, keys: Path | None) -> int:
         if check.problem:
             bad += 1
             console.print(f"    [bold]{escape(check.remedy)}[/]", soft_wrap=True)
-    console.print("all is well" if not bad else f"problems: {bad}")
+    console.print("no problems found" if not bad else f"problems: {bad}")
     return BROKEN if bad else ALL_HOLD
 
 
@@ -107,8 +107,8 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
             "port",
             f"can listen at {hosts.listen}",
             trouble and f"cannot listen at {hosts.listen}: {trouble}",
-            "end what listens there, or choose an address of this machine and another port as "
-            "`listen` in the file of hosts",
+            "stop the program that listens there, or choose another address or port of this "
+            "machine as `listen` in the hosts file",
         )
         authority = None
         if keys is not None:
@@ -125,7 +125,7 @@ def _watching() -> Iterator[Check]:
         yield Check("here", "viewer", "", str(error), "pip install --force-reinstall rerun-sdk")
         return
     shown = sys.platform != "linux" or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
-    how = "--view and --web" if shown else "--web alone: there is no display for a window"
+    how = "--view and --web" if shown else "only --web: there is no display for a window"
     yield Check("here", "viewer", f"{found}; {how}")
 
 
@@ -148,11 +148,11 @@ def _of_host(
             "SSH",
             "",
             str(error),
-            f"see that `ssh {host.ssh} true` works "
+            f"make sure that `ssh {host.ssh} true` works "
             "without a password, and that the host's key is known",
         )
         return
-    yield Check(host.name, "SSH", f"{host.ssh} lets in")
+    yield Check(host.name, "SSH", f"{host.ssh} accepts the connection")
     place = listen.partition("/")[2]
     command = [
         host.python,
@@ -174,7 +174,7 @@ def _of_host(
             "formnet",
             "",
             f"{host.python} has no formnet: {reason}",
-            "install the same version there, and name its interpreter as `python`",
+            "install the same version there, and set `python` to its interpreter",
         )
         return
     yield from _version(host, here, there)
@@ -185,8 +185,8 @@ def _of_host(
             "port",
             f"reaches {place}",
             there["reach"] and f"cannot reach {place}: {there['reach']}",
-            f"let {host.name} through to that port in the firewall here, or give as `listen` an "
-            "address by which it reaches this machine",
+            f"open that port for {host.name} in the firewall here, or set `listen` to an "
+            "address by which it can reach this machine",
         )
     for name, found in there.get("keys", {}).items():
         yield from _certificate(host.name, name, found, authority)
@@ -223,7 +223,7 @@ def _clock(host: Host, before_s: float, there_s: float, after_s: float) -> Check
         "clock",
         found,
         found if off else "",
-        "set it right: run an NTP client there and here (chrony, systemd-timesyncd)",
+        "run an NTP client there and here (chrony, systemd-timesyncd)",
     )
 
 
@@ -237,7 +237,7 @@ def _certificate(
             what,
             "",
             found["problem"],
-            "make what is missing where ca-key.pem is (`formnet keys init`), and copy "
+            "make the missing files where ca-key.pem is (`formnet keys init`), and copy "
             f"ca.pem, {name}.pem and {name}-key.pem there",
         )
     elif found["expired"]:
@@ -245,7 +245,7 @@ def _certificate(
             where,
             what,
             "",
-            f"ended {found['expires']}",
+            f"expired {found['expires']}",
             f"delete {name}.pem and {name}-key.pem where ca-key.pem is, make them again "
             "(`formnet keys init`) and copy them there",
         )
@@ -254,12 +254,12 @@ def _certificate(
             where,
             what,
             "",
-            "is of another authority than the plant's",
-            "copy ca.pem and certificates that it has signed there",
+            "is signed by another authority than the plant's",
+            "copy ca.pem and certificates signed by it there",
         )
     else:
         soon = found["expires_unix_s"] - time.time() < SOON_S
-        yield Check(where, what, f"good until {found['expires']}" + (", soon" if soon else ""))
+        yield Check(where, what, f"valid until {found['expires']}" + (", soon" if soon else ""))
 
 
 @contextmanager

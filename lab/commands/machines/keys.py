@@ -12,23 +12,23 @@ from formnet.lab.runs.exits import of as code_of
 
 @click.group("keys")
 def command() -> None:
-    """Make certificates: who is who in a run."""
+    """Make certificates for the processes of a run."""
 
 
 @command.command("init")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--robots", required=True, metavar="IDS", help="For whom, e.g. 1-5 or 1,3,7-9.")
+@click.option("--robots", required=True, metavar="IDS", help="Robot ids, e.g. 1-5 or 1,3,7-9.")
 @click.option(
     "--hosts",
     default="",
     metavar="NAMES",
-    help="Names and addresses at which the plant is reached, e.g. lab-pc,192.168.1.10.",
+    help="Host names and addresses of the plant, e.g. lab-pc,192.168.1.10.",
 )
 @click.option("--days", type=Whole(1, 3650), default=365, show_default=True)
 def init(folder: Path, robots: str, hosts: str, days: int) -> None:
-    """Make an authority and a certificate for the plant, a monitor and every robot.
+    """Make an authority and certificates for the plant, a monitor and every robot.
 
-    Private keys have mode 0600, and nothing is ever overwritten: run it again for more robots.
+    Private keys have mode 0600. Nothing is overwritten: run it again to add robots.
     """
     try:
         from formnet.lab.machines.keys import KeysExist, make, robots_of

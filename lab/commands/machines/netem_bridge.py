@@ -31,12 +31,12 @@ class _BadOption(ValueError):
     "first",
     required=True,
     metavar="ENDPOINT",
-    help="One network, e.g. tcp/127.0.0.1:7447: connect there; with listen: before it, wait "
-    "there for applications to connect.",
+    help="First network: connect to this endpoint, e.g. tcp/127.0.0.1:7447, or with the prefix "
+    "listen: wait there for applications to connect.",
 )
-@click.option("--to", "second", required=True, metavar="ENDPOINT", help="The other network.")
+@click.option("--to", "second", required=True, metavar="ENDPOINT", help="Second network.")
 @click.option(
-    "--key", "keys", default="**", show_default=True, metavar="KEYEXPR", help="What is carried."
+    "--key", "keys", default="**", show_default=True, metavar="KEYEXPR", help="Keys to bridge."
 )
 @click.option(
     "--network",
@@ -48,13 +48,13 @@ class _BadOption(ValueError):
 @click.option(
     "--control",
     metavar="HOST:PORT",
-    help="Show statistics and take changes there (HTTP, JSON), e.g. 127.0.0.1:8765.",
+    help="Serve statistics and accept changes here (HTTP, JSON), e.g. 127.0.0.1:8765.",
 )
 def command(first: str, second: str, keys: str, network: Path, control: str | None) -> None:
-    """Join two Zenoh networks by emulated links.
+    """Join two Zenoh networks through emulated links.
 
-    Until Ctrl-C. Carries publications (put, delete), queries and replies that match --key, both
-    ways.
+    Runs until Ctrl-C. Bridges publications (put, delete), queries and replies that match --key in
+    both directions.
     """
     sys.exit(run_bridge(first, second, keys, network, control))
 
@@ -99,7 +99,7 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: str |
         links_table([(f"{_ARROWS[row['direction']]} {row['link']}", row) for row in rows], "")
     )
     if bridge.failures:
-        console.print(f"[yellow]messages that could not be handed on:[/] {bridge.failures}")
+        console.print(f"[yellow]messages that could not be delivered:[/] {bridge.failures}")
     if broken is not None:
         console.print(f"[red]the bridge broke:[/] {escape(f'{type(broken).__name__}: {broken}')}")
         return BROKEN

@@ -38,19 +38,19 @@ _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
     "--only",
     multiple=True,
     metavar="PATTERN",
-    help="Only claims whose key matches, e.g. theorem-* (--list shows the keys). Repeatable.",
+    help="Run only claims whose key matches, e.g. theorem-* (--list shows the keys). Repeatable.",
 )
-@click.option("--list", "listed", is_flag=True, help="List the claims and end.")
+@click.option("--list", "listed", is_flag=True, help="List the claims and exit.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder of results  [default: runs/claims-<time>]",
+    help="Results folder  [default: runs/claims-<time>]",
 )
 @click.option(
     "--into",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     metavar="FILE",
-    help="Put the table into FILE, between the comments that mark its place there.",
+    help="Insert the table into FILE, between the comments that mark its place.",
 )
 @JOBS
 def command(
@@ -61,10 +61,10 @@ def command(
     into: Path | None,
     jobs: int | None,
 ) -> None:
-    """Run every claim of the paper, judge each.
+    """Run and judge every claim of the paper.
 
-    Exit code 0: every one ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
-    130: interrupted (what is complete is written).
+    Exit code 0: every claim ends as predicted; 1: one does not; 2: bad usage; 3: a run broke;
+    130: interrupted (complete results are written).
     """
     need_inline(jobs, engine)
     sys.exit(list_claims() if listed else run_claims(only, out, into, jobs, engine))
@@ -84,8 +84,7 @@ def run_claims(
     unmatched = [some for some in only if not any(fnmatchcase(c.key, some) for c in claims)]
     if into is not None and only:
         console.print(
-            "[red]--into:[/] goes with all claims, not with --only: it takes the whole "
-            "table's place"
+            "[red]--into:[/] needs all claims and excludes --only: it replaces the whole table"
         )
         return BAD_INPUT
     if unmatched:
@@ -123,7 +122,7 @@ def run_claims(
         forget(folder, "claims.md")
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
-    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
+    console.print(f"results are in {escape(str(folder))}", soft_wrap=True)
     if failed is not None:
         console.print(f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}")
         return RUN_BROKE

@@ -46,19 +46,19 @@ CHAOS_SHARE = 0.25
 @click.command("nemesis", cls=Command)
 @SCENARIO
 @OVERRIDE
-@click.option("--runs", type=Whole(1), default=20, show_default=True, help="How many.")
+@click.option("--runs", type=Whole(1), default=20, show_default=True, help="Number of runs.")
 @click.option(
     "--seed",
     type=Whole(0),
     default=1,
     show_default=True,
-    help="Seed of the first run; each next one has the next.",
+    help="Seed of the first run; increases by one per run.",
 )
 @INLINE_RUNS
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder of results  [default: runs/nemesis-<time>]",
+    help="Results folder  [default: runs/nemesis-<time>]",
 )
 @click.option(
     "--limit",
@@ -67,7 +67,7 @@ CHAOS_SHARE = 0.25
     default=600.0,
     show_default=True,
     metavar="SECONDS",
-    help="A run that takes longer than this has hung.",
+    help="Time limit of a run (wall time); a longer one counts as hung.",
 )
 @JOBS
 def command(
@@ -80,14 +80,14 @@ def command(
     limit_s: float,
     jobs: int | None,
 ) -> None:
-    """Break SCENARIO with random failures.
+    """Test SCENARIO with random failures.
 
-    Robots are killed, restarted and paused, links are cut, partitioned, delayed and lossy in the
-    first quarter of each run. Every run must end, keep its record consistent, give the same bits
-    when it is repeated, and recover to what [expect] claims. What fails is shrunk.
+    In the first quarter of each run, robots are killed, restarted and paused, and links are cut,
+    partitioned, delayed and lossy. Every run must end, have a consistent record, give the same
+    bits when repeated, and recover to what [expect] claims. Failing schedules are shrunk.
 
-    Exit code 0: every run is well; 1: one is not, and its seed is named; 2: bad usage;
-    3: the nemesis itself broke; 130: interrupted.
+    Exit code 0: every run passed; 1: one failed, and its seed is printed; 2: bad usage;
+    3: nemesis itself failed; 130: interrupted.
     """
     need_inline(jobs, engine)
     sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine))
@@ -214,7 +214,7 @@ def _report(
         f"{escape(str(place / 'shrunk.toml'))}:",
         soft_wrap=True,
     )
-    for line in lines or ["(none: it fails without any)"]:
+    for line in lines or ["(none: it fails without episodes)"]:
         console.print(f"    {escape(line)}", soft_wrap=True)
 
 
@@ -249,8 +249,8 @@ def _summarise(
             + (
                 f"[red]{len(failed)} fail[/]: seeds {', '.join(map(str, failed))}"
                 if failed
-                else "[green]all terminate, are consistent and recover[/]"
+                else "[green]all end, are consistent and recover[/]"
             ),
             soft_wrap=True,
         )
-    console.print(f"everything is in {escape(str(folder))}", soft_wrap=True)
+    console.print(f"results are in {escape(str(folder))}", soft_wrap=True)

@@ -22,9 +22,12 @@ from formnet.lab.commands.options import (
 
 
 @click.command("agent", cls=Command)
-@click.option("--robot", required=True, type=int, metavar="N", help="Which robot this is.")
+@click.option("--robot", required=True, type=int, metavar="N", help="Id of the robot.")
 @click.option(
-    "--connect", required=True, metavar="ENDPOINT", help="The plant, e.g. tcp/127.0.0.1:7447."
+    "--connect",
+    required=True,
+    metavar="ENDPOINT",
+    help="Endpoint of the plant, e.g. tcp/127.0.0.1:7447.",
 )
 @RUN_ID
 @LEASH
@@ -40,7 +43,7 @@ def command(
     plaintext: bool,
     lease_s: float,
 ) -> None:
-    """Be one robot of a run."""
+    """Run the process of one robot."""
     if lease_s < LONGEST_LEASE_S:  # one that is gone must not hold up the others
         threads.many()
     from formnet.agent.process import main as agent_main

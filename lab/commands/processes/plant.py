@@ -40,19 +40,17 @@ def _scenario_or_input(
 @click.argument(
     "scenario", callback=_scenario_or_input, metavar="SCENARIO|-", shell_complete=toml_files
 )
-@click.option("--listen", metavar="ENDPOINT", help="Where robots join, e.g. tcp/127.0.0.1:7447.")
+@click.option("--listen", metavar="ENDPOINT", help="Endpoint for robots, e.g. tcp/127.0.0.1:7447.")
+@click.option("--connect", metavar="ENDPOINT", help="Use this Zenoh router instead of listening.")
 @click.option(
-    "--connect", metavar="ENDPOINT", help="A Zenoh router at which plant and robots meet instead."
-)
-@click.option(
-    "--record", metavar="FILE", help="Write the record stream here; - for standard output."
+    "--record", metavar="FILE", help="Write the record stream to FILE; - for standard output."
 )
 @click.option(
     "--start-patience",
     "start_patience_s",
     type=Number(1.0, 1e9),
     metavar="SECONDS",
-    help="End the run if no robot gets further for so long before the first tick  [default: wait]",
+    help="End the run after this long without progress before the first tick  [default: wait]",
 )
 @RUN_ID
 @LEASH
@@ -73,14 +71,14 @@ def command(
     plaintext: bool,
     lease_s: float,
 ) -> None:
-    """Be the plant of a run of SCENARIO.
+    """Run the plant process of a run of SCENARIO.
 
-    With -, its plan comes from standard input (formnet run hands it over so), up to a NUL byte.
+    With -, the resolved plan is read from standard input, up to its end or a NUL byte.
     """
     if (listen is None) == (connect is None):
-        raise click.UsageError("needs --listen or --connect, and not both")
+        raise click.UsageError("needs exactly one of --listen and --connect")
     if scenario is None and overrides:
-        raise click.UsageError("--set goes with a scenario: a plan comes as it is")
+        raise click.UsageError("--set requires SCENARIO: a plan on standard input is resolved already")
     if lease_s < LONGEST_LEASE_S:
         threads.many()
     from formnet.formation.briefing.plan import BadBrief, Plan

@@ -1,4 +1,4 @@
-"""``formnet check``: is a scenario valid, and what does the theory make of it?"""
+"""``formnet check``: is a scenario valid, and what does the theory predict?"""
 
 import sys
 from functools import partial
@@ -20,7 +20,7 @@ from formnet.lab.text.problems import report_problems, say_slow, warn
 @SCENARIO
 @OVERRIDE
 def command(scenario: Path, overrides: tuple[str, ...]) -> None:
-    """Validate SCENARIO; say what the theory makes of it."""
+    """Validate SCENARIO; print what the theory predicts."""
     sys.exit(check_scenario(scenario, overrides))
 
 

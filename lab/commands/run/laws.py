@@ -9,7 +9,7 @@ from formnet.lab.forecast.foresight import unusable
 
 @click.command("laws", cls=Command)
 def command() -> None:
-    """List the control laws that law.kind can name."""
+    """List the control laws available for law.kind."""
     for name, entry in installed().items():
         source = f"  ({entry.dist.name} {entry.dist.version})" if entry.dist else ""
         click.echo(f"{name:20} {entry.value}{source}")

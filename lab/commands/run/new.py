@@ -1,4 +1,4 @@
-"""``formnet new``: a scenario to begin with."""
+"""``formnet new``: a commented scenario to start from."""
 
 from pathlib import Path
 
@@ -15,42 +15,42 @@ from formnet.lab.scenarios.new import CannotWrite, Wish, write
     "--robots",
     type=Whole(2, 1000),
     metavar="N",
-    help="How many.  [default: 5, or as many as FILE has places for]",
+    help="Number of robots.  [default: 5, or the number of rows in FILE]",
 )
 @click.option(
     "--pattern",
     default="circle",
     show_default=True,
     metavar="circle|line|wedge|grid|FILE",
-    help="Where the robots shall stand; FILE: CSV with x_m,y_m, one row for each robot.",
+    help="Desired positions of the robots; FILE: CSV with x_m,y_m, one row per robot.",
 )
 @click.option(
     "--graph",
     type=click.Choice(("ring", "path", "complete", "star", "random")),
     default="ring",
     show_default=True,
-    help="Who hears whom.",
+    help="Communication graph.",
 )
 @click.option(
     "--network",
     default="ideal",
     show_default=True,
     metavar="PRESET",
-    help="What each link is like: ideal, lan, wifi, wifi-congested, lte, satellite, robot-link.",
+    help="Preset of every link: ideal, lan, wifi, wifi-congested, lte, satellite, robot-link.",
 )
 @click.option(
     "--spacing",
     "spacing_m",
     type=Number(0.01, 1e4),
     metavar="M",
-    help="Between neighbours in the pattern, in metres; not with FILE  [default: 1.0]",
+    help="Distance of neighbours in the pattern, in metres; not with FILE  [default: 1.0]",
 )
 @click.option(
     "--seed",
     type=Whole(0),
     default=1,
     show_default=True,
-    help="Draws starts, random graphs, and what links do.",
+    help="Seed for starts, random graphs and links.",
 )
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: NAME.toml]")
 @click.option(
@@ -58,7 +58,7 @@ from formnet.lab.scenarios.new import CannotWrite, Wish, write
     type=click.Choice(("lockstep", "realtime")),
     default="lockstep",
     show_default=True,
-    help="Virtual time, exactly repeatable, or the wall clock.",
+    help="Exactly repeatable virtual time, or real time.",
 )
 def command(
     name: str,
@@ -71,11 +71,11 @@ def command(
     out: Path | None,
     mode: str,
 ) -> None:
-    """Write a scenario to begin with.
+    """Write a commented scenario to start from.
 
-    NAME.toml is written, with comments. Its gains and periods suit the pattern, the graph and
-    the number of robots. A file is never overwritten. scenario.schema.json is put beside it, by
-    which editors complete and check.
+    Writes NAME.toml with gains and periods that suit the pattern, the graph and the number of
+    robots, and scenario.schema.json beside it, with which editors complete and check. Files are
+    never overwritten.
     """
     try:
         path = write(Wish(name, robots, pattern, graph, network, spacing_m, seed, mode), out)

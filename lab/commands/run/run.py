@@ -54,26 +54,28 @@ if TYPE_CHECKING:
 )
 @OVERRIDE
 @click.option(
-    "--inline", is_flag=True, help="Everything in one process, without Zenoh; same trajectories."
+    "--inline", is_flag=True, help="Run in one process, without Zenoh; same trajectories."
 )
 @click.option(
     "--hosts",
     type=click.Path(path_type=Path),
     metavar="HOSTS.toml",
-    help="Run robots on other machines, over SSH (docs/hosts.md).",
+    help="Run robots on other machines over SSH (docs/hosts.md).",
 )
 @click.option(
     "--connect",
     "router",
     metavar="ENDPOINT",
-    help="Meet at this Zenoh router, e.g. tcp/127.0.0.1:7447  [default: at the plant]",
+    help="Connect through this Zenoh router, e.g. tcp/127.0.0.1:7447  [default: the plant]",
 )
 @KEYS
 @PLAINTEXT
 @VIEW
 @WEB
 @click.option(
-    "--no-figures", is_flag=True, help="Do not draw: formnet report or plot do it when asked to."
+    "--no-figures",
+    is_flag=True,
+    help="Draw no figures; formnet report or plot can draw them later.",
 )
 def command(
     scenario: Path,
@@ -90,20 +92,18 @@ def command(
 ) -> None:
     """Run SCENARIO and judge it.
 
-    SCENARIO is a file, the name of one of `formnet scenarios`, or the folder of a run.
+    SCENARIO is a file, a name from `formnet scenarios`, or a run folder.
 
-    Exit code 0: every claim in [expect] holds; 1: one does not, or cannot be judged, or there is
-    none and the run diverged or lost a robot; 2: bad scenario or usage; 3: the run itself broke,
-    or not all of it could be written; 130: interrupted.
+    Exit code 0: every claim in [expect] holds; 1: a claim does not hold or cannot be judged, or
+    there is none and the run diverged or lost a robot; 2: bad scenario or usage; 3: the run broke,
+    or not all results could be written; 130: interrupted.
     """
     if inline and (hosts or router or keys or plaintext):
         raise click.UsageError(
-            "--inline is one process: no --hosts, --connect, --keys or --plaintext"
+            "--inline uses one process: it excludes --hosts, --connect, --keys and --plaintext"
         )
     if inline and (view or web):
-        raise click.UsageError(
-            "--inline is over before one can look: afterwards, formnet replay RUN shows it"
-        )
+        raise click.UsageError("--inline cannot be watched live; use formnet replay RUN afterwards")
     where = Where(hosts, keys, plaintext, router)
     shown = viewer(view=view, web=web)
     sys.exit(
@@ -139,8 +139,8 @@ def run_scenario(
         return _unusable(console, error)
     if inline and scenario.clock.mode == "realtime":
         console.print(
-            '[red]--inline:[/] is virtual time, and clock.mode = "realtime": add '
-            "--set clock.mode=lockstep, or leave --inline out",
+            '[red]--inline:[/] needs virtual time, but clock.mode = "realtime": add '
+            "--set clock.mode=lockstep, or omit --inline",
             soft_wrap=True,
         )
         return BAD_INPUT
@@ -246,7 +246,7 @@ def _conclude(
     for problem in problems:
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(
-        f"everything{' else' * bool(problems)} is in {escape(str(recording.folder))}",
+        f"{'other ' * bool(problems)}results are in {escape(str(recording.folder))}",
         soft_wrap=True,
     )
     if problems:

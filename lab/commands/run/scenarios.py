@@ -1,4 +1,4 @@
-"""``formnet scenarios``: the scenarios that come along."""
+"""``formnet scenarios``: the packaged scenarios."""
 
 import click
 
@@ -8,6 +8,6 @@ from formnet.lab.scenarios.packaged import described
 
 @click.command("scenarios", cls=Command)
 def command() -> None:
-    """List the scenarios that come along."""
+    """List the packaged scenarios."""
     for name, description in described():
         click.echo(f"{name:24} {description}")

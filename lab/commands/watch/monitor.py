@@ -1,4 +1,4 @@
-"""``formnet monitor``: watch a run that goes on."""
+"""``formnet monitor``: watch a run in progress."""
 
 import sys
 import threading
@@ -19,15 +19,17 @@ from formnet.lab.watch.monitor import NoRun, Source, watch
 @click.argument(
     "folder", required=False, metavar="[RUN]", type=click.Path(path_type=Path, file_okay=False)
 )
-@click.option("--connect", metavar="ENDPOINT", help="Where it goes on, e.g. tls/192.168.1.10:7447.")
-@click.option("--run", "run_name", metavar="ID", help="Which one, if several go on there.")
+@click.option(
+    "--connect", metavar="ENDPOINT", help="Endpoint of the run, e.g. tls/192.168.1.10:7447."
+)
+@click.option("--run", "run_name", metavar="ID", help="Id of the run, if there are several.")
 @VIEW
 @WEB
 @click.option(
     "--save",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE.rrd",
-    help="Keep what is seen.",
+    help="Record to a file.",
 )
 @KEYS
 @PLAINTEXT
@@ -43,16 +45,16 @@ def command(
     plaintext: bool,
     leash: bool,
 ) -> None:
-    """Watch a run that goes on.
+    """Watch a run in progress.
 
-    RUN is its folder, by default the newest below runs. The monitor only listens: the run does
-    not notice it, whatever becomes of it. Without --web or --save it opens a window.
+    RUN is a run folder, by default the newest in runs/. The monitor only listens and does not
+    affect the run. Without --web or --save, a window opens.
 
-    Exit code 0: the run was seen to its end; 2: there is nothing to watch; 3: the run broke off,
-    or --save could not be written; 130: interrupted before its end.
+    Exit code 0: the run was followed to its end; 2: there is nothing to watch; 3: the run broke
+    off, or --save could not be written; 130: interrupted before the end.
     """
     if connect is not None and folder is not None:
-        raise click.UsageError("RUN is a run on this machine: it and --connect exclude each other")
+        raise click.UsageError("RUN is a run on this machine: it excludes --connect")
     shown = viewer(view=view or not (web or save), web=web)
     if save is not None and save.exists():
         fail(2, f"--save: {save} exists already")

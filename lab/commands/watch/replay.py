@@ -1,4 +1,4 @@
-"""``formnet replay``: watch a recorded run again."""
+"""``formnet replay``: replay a recorded run in a viewer."""
 
 from pathlib import Path
 
@@ -17,14 +17,14 @@ from formnet.lab.watch.replay import NoScene, replay
     type=Number(0.01, 1000.0),
     default=1.0,
     show_default=True,
-    help="How many simulated seconds a second.",
+    help="Simulated seconds per second.",
 )
 @VIEW
 @WEB
 def command(folder: Path, speed: float, view: bool, web: bool) -> None:
-    """Watch a recorded run again.
+    """Replay a recorded run.
 
-    RUN is its folder. Without --web it opens a window.
+    RUN is a run folder. Without --web, a window opens.
     """
     shown = viewer(view=view, web=web)
     try:
