@@ -78,7 +78,7 @@ def command(
     if (listen is None) == (connect is None):
         raise click.UsageError("needs exactly one of --listen and --connect")
     if scenario is None and overrides:
-        raise click.UsageError("--set requires SCENARIO: a plan on standard input is resolved already")
+        raise click.UsageError("--set requires SCENARIO: a plan from standard input is final")
     if lease_s < LONGEST_LEASE_S:
         threads.many()
     from formnet.formation.briefing.plan import BadBrief, Plan
