@@ -16,9 +16,7 @@ from formnet.netem.settings.timeline import Action
 class NetworkAction(LinkSelection, LinkOverrides):
     """``action = "network"``: exactly the settings that are named change, from that instant."""
 
-    action: Literal["network"] = Field(
-        description="Settings of links change: exactly what is named here."
-    )
+    action: Literal["network"] = Field(description="Changes exactly the settings given here.")
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""
@@ -33,13 +31,13 @@ class NetworkAction(LinkSelection, LinkOverrides):
 class RampAction(LinkSelection):
     """``action = "ramp"``: one number moves from ``from_value`` to ``to_value``."""
 
-    action: Literal["ramp"] = Field(description="One number of links moves in a straight line.")
+    action: Literal["ramp"] = Field(description="Changes one number of links linearly.")
     parameter: Annotated[str, AfterValidator(checked_parameter)] = Field(
-        description="Which number, such as `delay.mean_s`."
+        description="The number, such as `delay.mean_s`."
     )
-    from_value: float = Field(description="Its value at the beginning.")
-    to_value: float = Field(description="Its value at the end, and from then on.")
-    duration_s: PositiveSeconds = Field(description="How long it moves.")
+    from_value: float = Field(description="Value at the beginning.")
+    to_value: float = Field(description="Value at the end and from then on.")
+    duration_s: PositiveSeconds = Field(description="Duration of the ramp.")
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""

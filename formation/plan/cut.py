@@ -18,14 +18,14 @@ class CutAction(LinkSelection):
     """``action = "cut"``: what is sent from then on is lost, until a ``heal``."""
 
     action: Literal["cut"] = Field(
-        description="Links lose what is sent from then on, until a heal."
+        description="Links lose all messages sent from then on, until a heal."
     )
     in_flight: InFlight = Field(
         default="kept",
-        description="What becomes of messages that were sent before and are due after.",
+        description="Fate of messages sent before the cut and due after it.",
     )
     heal_after_s: PositiveSeconds | None = Field(
-        default=None, description="Heals the same links that much later."
+        default=None, description="Heals the same links after this time."
     )
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
@@ -42,7 +42,9 @@ class CutAction(LinkSelection):
 class HealAction(LinkSelection):
     """``action = "heal"``: cut links carry what is sent from then on; by default all links."""
 
-    action: Literal["heal"] = Field(description="Cut links carry again what is sent from then on.")
+    action: Literal["heal"] = Field(
+        description="Cut links deliver messages again that are sent from then on."
+    )
 
     def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
         """What it does to one link."""

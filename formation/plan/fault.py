@@ -17,7 +17,7 @@ class RandomRobots(Table):
     """``robots = { random = 2 }``: so many of those it can happen to, drawn by the seed."""
 
     random: Annotated[int, Field(ge=1)] = Field(
-        description="How many, drawn by the seed from those it can happen to."
+        description="How many, drawn with the seed from the robots to which the action can apply."
     )
 
 
@@ -42,7 +42,7 @@ FaultyRobots = Annotated[
 class _FaultAction(Table):
     """What an action on robots begins with: when (the first tick from then on), and which."""
 
-    at_s: Seconds = Field(description="When: the first control tick from then on.")
+    at_s: Seconds = Field(description="Time; applies at the first control tick from then on.")
     robots: FaultyRobots = Field(
         description='An id, a list of ids, "*" for all, or `{ random = 2 }`.'
     )
@@ -57,16 +57,14 @@ class KillAction(_FaultAction):
 
     action: Literal["kill"] = Field(description="The process gets SIGKILL.")
     restart_after_s: PositiveSeconds | None = Field(
-        default=None, description="Restarts the same robots that much later."
+        default=None, description="Restarts the same robots after this time."
     )
 
 
 class RestartAction(_FaultAction):
     """``action = "restart"``: a new process that remembers nothing takes part from that tick on."""
 
-    action: Literal["restart"] = Field(
-        description="A new process, which remembers nothing, takes part."
-    )
+    action: Literal["restart"] = Field(description="Starts a new process without memory.")
 
 
 class PauseAction(_FaultAction):
@@ -74,7 +72,7 @@ class PauseAction(_FaultAction):
 
     action: Literal["pause"] = Field(description="The process gets SIGSTOP and misses ticks.")
     resume_after_s: PositiveSeconds | None = Field(
-        default=None, description="Resumes the same robots that much later."
+        default=None, description="Resumes the same robots after this time."
     )
 
 
@@ -82,7 +80,7 @@ class ResumeAction(_FaultAction):
     """``action = "resume"``: SIGCONT; the robot takes part again, with what came meanwhile."""
 
     action: Literal["resume"] = Field(
-        description="SIGCONT: the robot takes part again, with what came meanwhile."
+        description="The process gets SIGCONT and continues, with the messages received meanwhile."
     )
 
 

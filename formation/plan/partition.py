@@ -34,26 +34,27 @@ class PartitionAction(Table):
     """
 
     action: Literal["partition"] = Field(
-        description="Links between robots that no longer reach each other are cut."
+        description="Cuts the links between robots of different groups."
     )
-    at_s: Seconds = Field(description="When.")
+    at_s: Seconds = Field(description="Time of the action.")
     groups: (
         Annotated[list[Annotated[list[RobotId], Field(min_length=1)]], Field(min_length=1)] | None
     ) = Field(
-        default=None, description="Who still reach each other; robots in no group make up one more."
+        default=None, description="Robots that stay connected; robots in no group form one more."
     )
     shape: Literal["halves", "isolate", "bridge", "ring"] | None = Field(
-        default=None, description="The groups by a word, instead of `groups`."
+        default=None, description="A named partition, instead of `groups`."
     )
     robot: RobotId | None = Field(
-        default=None, description="Whom `isolate` isolates; who is between the halves of `bridge`."
+        default=None,
+        description="The robot that `isolate` isolates, or that connects the halves of `bridge`.",
     )
     in_flight: InFlight = Field(
         default="kept",
-        description="What becomes of messages that were sent before and are due after.",
+        description="Fate of messages sent before the cut and due after it.",
     )
     heal_after_s: PositiveSeconds | None = Field(
-        default=None, description="Heals the same links that much later."
+        default=None, description="Heals the same links after this time."
     )
 
     @model_validator(mode="after")

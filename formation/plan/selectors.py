@@ -61,7 +61,7 @@ class LinkSelection(Table):
     ``links`` are directed, as pairs of from and to; ``both_ways`` adds the ways back.
     """
 
-    at_s: Seconds = Field(description="When.")
+    at_s: Seconds = Field(description="Time of the action.")
     links: Links = Field(
         default="*",
         description=(
@@ -69,7 +69,7 @@ class LinkSelection(Table):
             "alone: all."
         ),
     )
-    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
+    both_ways: bool = Field(default=False, description="Also the opposite directions.")
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the action is about the link from ``source`` to ``destination``."""

@@ -14,19 +14,17 @@ class Clock(Table):
         default="lockstep", description="Exactly repeatable virtual time, or real time."
     )
     control_period_s: PositiveSeconds = Field(
-        default=0.001, description="The law is evaluated, and its command held, for this long."
+        default=0.001, description="The law is evaluated once per period, and its command is held."
     )
     broadcast_period_s: PositiveSeconds = Field(
         default=0.01,
         description=(
-            "A robot tells its neighbours its state this often; a multiple of control_period_s."
+            "Robots broadcast their states at this period; a multiple of control_period_s."
         ),
     )
     sync_bound_s: PositiveSeconds = Field(
         default=0.005,
-        description=(
-            "In real time, report a robot whose estimate of the plant's clock may be wrong by more."
-        ),
+        description=("In real time, report robots whose clock uncertainty exceeds this bound."),
     )
 
     @property

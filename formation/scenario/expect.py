@@ -12,9 +12,9 @@ class Expect(Table):
     """
 
     formation: bool | None = Field(
-        default=None, description="Eq. 3: the pattern, wherever it stands and however it is turned."
+        default=None, description="Eq. 3: the pattern, in any position and orientation."
     )
-    heading: bool | None = Field(default=None, description="Eq. 4: headings agree.")
+    heading: bool | None = Field(default=None, description="Eq. 4: equal headings.")
     centroid: bool | None = Field(
         default=None, description="Eq. 5: the centroid is that of the pattern."
     )
@@ -23,18 +23,18 @@ class Expect(Table):
         description="V (Eq. 22, 34, 40 or 43) never rises beyond its budget, over the whole run.",
     )
     formation_tolerance_m: Positive = Field(
-        default=0.05, description="Of the largest error between two robots."
+        default=0.05, description="Tolerance of the largest error between two robots."
     )
     heading_tolerance_rad: Positive = Field(
-        default=0.02, description="Of the largest gap between two headings."
+        default=0.02, description="Tolerance of the largest difference of two headings."
     )
     centroid_tolerance_m: Positive = Field(
-        default=0.2, description="Of ‖Σx − Σp‖, n times the centroid's distance."
+        default=0.2, description="Tolerance of ‖Σx − Σp‖, n times the centroid's distance."
     )
     window_s: LongSeconds | None = Field(
         default=None,
         description=(
-            "Claims are judged over so much of the end; by default a tenth of the run, at least "
+            "Claims are judged over this last part of the run; by default a tenth of it, at least "
             "one broadcast period."
         ),
     )

@@ -14,12 +14,12 @@ class Plant(Table):
         default="brake",
         description=(
             "brake: velocities decay; coast: no torque on the wheels (kinematic: the velocities "
-            "stay); freeze: the body stands still at once."
+            "stay); freeze: the body stops at once."
         ),
     )
     brake_time_s: PositiveSeconds = Field(default=0.1, description='Time constant of "brake".')
     drive_timeout_s: PositiveSeconds = Field(
-        default=0.25, description="In real time, a robot whose newest drive is older brakes."
+        default=0.25, description="In real time, a robot brakes if its newest drive is older."
     )
 
 
@@ -28,7 +28,7 @@ class Run(Table):
 
     on_unscheduled_loss: Literal["continue", "abort"] = Field(
         default="continue",
-        description="Go on without a robot that dies or hangs unplanned, or end the run.",
+        description="After an unplanned loss of a robot, continue without it or end the run.",
     )
     patience_s: Annotated[float, Field(ge=0.5, le=3600.0)] = Field(
         default=10.0, description="A robot that does not answer within this wall time is lost."

@@ -13,7 +13,7 @@ class Formation(Table):
     """``[formation]``: who hears whom (undirected) and the weights b_ji = b_ij."""
 
     edges: list[Annotated[tuple[RobotId, RobotId], Field(strict=False)]] = Field(
-        description="Who hears whom, as pairs of robot ids; edges have no direction."
+        description="The communication graph as pairs of robot ids; edges are undirected."
     )
     coupling: Annotated[
         Annotated[Positive, Tag("number")] | Annotated[dict[str, Positive], Tag("table")],

@@ -14,17 +14,15 @@ class Host(Table):
     """``[[hosts]]``: a machine and the robots it runs."""
 
     name: str = Field(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80, description="What it is called."
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80, description="Name of the host."
     )
-    ssh: str = Field(
-        min_length=1, description="`user@address:port`, or a name that ~/.ssh/config knows."
-    )
-    robots: list[RobotId] = Field(min_length=1, description="Ids of those that run there.")
+    ssh: str = Field(min_length=1, description="`user@address:port`, or a name in ~/.ssh/config.")
+    robots: list[RobotId] = Field(min_length=1, description="Ids of the robots that run there.")
     python: str = Field(
-        default="python3", description="The interpreter there of an environment with formnet."
+        default="python3", description="Python interpreter there, of an environment with formnet."
     )
     keys: str | None = Field(
-        default=None, description="The folder there with ca.pem and its robots' certificates."
+        default=None, description="Folder there with ca.pem and its robots' certificates."
     )
 
 
@@ -33,7 +31,7 @@ class Hosts(Table):
 
     listen: str = Field(
         pattern=r"^(tcp|tls)/.+:\d+$",
-        description="Where robots reach the plant: `tls/ADDRESS:PORT` of this machine.",
+        description="Endpoint of the plant for robots: `tls/ADDRESS:PORT` of this machine.",
     )
     hosts: list[Host] = Field(min_length=1, description="The other machines.")
 

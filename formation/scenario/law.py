@@ -14,12 +14,12 @@ class W1(Table):
     """``law.w1``: the excitation w1(t) = bias + amplitude · sin(frequency · t)."""
 
     bias: float = Field(
-        default=0.5, description="The constant part.", json_schema_extra={"unit": "rad/s"}
+        default=0.5, description="Constant part.", json_schema_extra={"unit": "rad/s"}
     )
     amplitude: float = Field(
-        default=0.0, description="Of the sine.", json_schema_extra={"unit": "rad/s"}
+        default=0.0, description="Amplitude of the sine.", json_schema_extra={"unit": "rad/s"}
     )
-    frequency_radps: NonNegative = Field(default=0.0, description="Of the sine.")
+    frequency_radps: NonNegative = Field(default=0.0, description="Frequency of the sine.")
 
 
 class LawSettings(Table):
@@ -34,22 +34,22 @@ class LawSettings(Table):
     )
     level: Literal["kinematic", "dynamic"] = Field(
         default="dynamic",
-        description="Robots that take velocities (Theorems 1, 2, 5) or torques (3, 4, 6).",
+        description="Commands are velocities (Theorems 1, 2, 5) or torques (3, 4, 6).",
     )
     beta: Positive = Field(
         default=10.0,
-        description="β: couples sideways errors into the turning.",
+        description="β: couples lateral errors into the turn rate.",
         json_schema_extra={"unit": "s"},
     )
     w1: W1 = Field(
         default=W1(),
         description=(
-            "The excitation, by which the headings turn for ever; zero breaks Assumption 2."
+            "The excitation; the headings keep turning with it. Zero violates Assumption 2."
         ),
     )
     feedback_gain: Positive = Field(
         default=10.0,
-        description="K: how fast velocities follow what the law wants.",
+        description="K: gain with which velocities follow the desired ones.",
         json_schema_extra={"unit": "1/s"},
     )
     feedback_shape: Literal["identity", "inertia"] = Field(
@@ -60,7 +60,8 @@ class LawSettings(Table):
         ),
     )
     robust: bool = Field(
-        default=True, description="Whether Eq. 31's term against wrong estimates is on."
+        default=True,
+        description="Whether the robust term of Eq. 31 (against wrong estimates) is on.",
     )
     gamma: Positive = Field(
         default=0.1,
@@ -69,30 +70,30 @@ class LawSettings(Table):
     )
     boundary_layer: Positive = Field(
         default=1.0,
-        description="ε: where Eq. 31's robust term stops being a switch; in the law's own units.",
+        description="ε: boundary layer of the robust term in Eq. 31, in the law's units.",
     )
     length_scale_m: Positive = Field(
         default=1.0,
         description=(
-            "ℓ: positions are measured in units of so many metres; about how far the robots start "
+            "ℓ: the law's unit of length in metres; about the initial distance of the robots "
             "from their places."
         ),
     )
     delta: Literal["corrected", "printed"] = Field(
         default="corrected",
         description=(
-            "The sign of Δ in Eq. 19: as the proofs need it, or as it is printed (and diverges)."
+            "The sign of Δ in Eq. 19: as the proofs require, or as printed (which diverges)."
         ),
     )
     cross_term: Literal["printed", "compensated"] = Field(
         default="printed",
         description=(
-            "Leave w1 z2 z3 in, as printed, or cancel it: then V never rises, but centroids come "
-            "home in Theorems 1 and 3, too."
+            "Keep w1 z2 z3, as printed, or cancel it: then V never rises, but the centroid also "
+            "converges in Theorems 1 and 3."
         ),
     )
     parameters: dict[str, Any] = Field(
-        default={}, description="The settings of a law that is not the built-in one."
+        default={}, description="Parameters of a law other than the cooperative one."
     )
 
     @field_validator("parameters")

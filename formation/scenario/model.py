@@ -35,14 +35,12 @@ class Scenario(Table):
     """One run, from a TOML file."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)] = Field(
-        description="What the run and its folder are called."
+        description="Name of the run and its folder."
     )
-    description: str = Field(default="", description="For people.")
-    seed: Annotated[int, Field(ge=0)] = Field(
-        default=1, description="All that is random is drawn by it."
-    )
+    description: str = Field(default="", description="Free text.")
+    seed: Annotated[int, Field(ge=0)] = Field(default=1, description="Seed of all random numbers.")
     duration_s: LongSeconds = Field(
-        description="How long the run is; a multiple of clock.control_period_s."
+        description="Length of the run; a multiple of clock.control_period_s."
     )
     clock: Clock = Clock()
     formation: Formation
@@ -52,10 +50,8 @@ class Scenario(Table):
     plant: Plant = Plant()
     run: Run = Run()
     robot_defaults: Vehicle = Vehicle()
-    timeline: list[TimelineAction] = Field(
-        default=[], description="What happens in the run, and when."
-    )
-    robots: Annotated[list[RobotTable], Field(min_length=1)] = Field(description="Who takes part.")
+    timeline: list[TimelineAction] = Field(default=[], description="Planned events.")
+    robots: Annotated[list[RobotTable], Field(min_length=1)] = Field(description="The robots.")
     expect: Expect | None = None
     hosts: Hosts | None = None
 

@@ -19,8 +19,8 @@ class LinkRule(LinkOverrides):
     sources: Robots = Field(
         alias="from", description='The senders: an id, a list of ids, or "*" for all.'
     )
-    destinations: Robots = Field(alias="to", description="The receivers, likewise.")
-    both_ways: bool = Field(default=False, description="Whether the links back are meant, too.")
+    destinations: Robots = Field(alias="to", description="The receivers, in the same form.")
+    both_ways: bool = Field(default=False, description="Also the opposite directions.")
 
     def covers(self, source: int, destination: int) -> bool:
         """Whether the rule is about the link from ``source`` to ``destination``."""
@@ -32,9 +32,11 @@ class Network(Table):
     """``[network]``: the default of every directed link, and overrides; later ones win."""
 
     default: LinkSettings = Field(
-        default=LinkSettings(), description="What every directed link begins with."
+        default=LinkSettings(), description="Settings of every directed link."
     )
-    links: list[LinkRule] = Field(default=[], description="Changes for some links; later ones win.")
+    links: list[LinkRule] = Field(
+        default=[], description="Changes for some links; later ones override earlier ones."
+    )
 
     def settings(self, source: int, destination: int) -> LinkSettings:
         """The settings of the link from ``source`` to ``destination``."""
@@ -51,24 +53,22 @@ class Neighbours(Table):
     on_silence: Literal["hold", "drop"] = Field(
         default="drop",
         description=(
-            "Hold the last state of a neighbour who says nothing, or drop it from the law's sums "
-            "until it is heard again."
+            "Hold the last state of a silent neighbour, or drop it from the law's sums "
+            "until its next message."
         ),
     )
     silence_s: PositiveSeconds = Field(
         default=0.5,
-        description=(
-            "Silent is from whom nothing usable came for longer than this, by the own clock."
-        ),
+        description=("A neighbour is silent after this time without a usable message (own clock)."),
     )
     playout: Literal["latest", "fixed"] = Field(
         default="latest",
-        description="Use a message as it comes, or hold each until playout_s after its stamp.",
+        description="Use each message when it arrives, or hold it until playout_s after its stamp.",
     )
     playout_s: PositiveSeconds | None = Field(
         default=None,
         description=(
-            'For "fixed": random delay becomes this constant one, and what comes later is lost.'
+            'For "fixed": random delays become this constant delay; later messages are lost.'
         ),
     )
 

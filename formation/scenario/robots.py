@@ -21,40 +21,42 @@ class Vehicle(Table):
     com_offset_m: float = Field(
         default=0.0,
         description=(
-            "How far the centre of mass lies ahead of the axle's middle, the reference point."
+            "Distance of the centre of mass ahead of the middle of the axle, the reference point."
         ),
     )
     mass_estimate_kg: Positive | None = Field(
-        default=None, description="What the law believes; by default the truth."
+        default=None, description="Estimate that the law uses; by default the true value."
     )
     inertia_estimate_kgm2: Positive | None = Field(
-        default=None, description="What the law believes; by default the truth."
+        default=None, description="Estimate that the law uses; by default the true value."
     )
     com_offset_estimate_m: float | None = Field(
-        default=None, description="What the law believes; by default the truth."
+        default=None, description="Estimate that the law uses; by default the true value."
     )
     robust_bound: NonNegative | None = Field(
         default=None,
         description=(
-            "ρ: how wrong the estimates may be, in the law's own units; by default ‖a − ā‖."
+            "ρ: bound of the error of the estimates, in the law's units; by default ‖a − ā‖."
         ),
     )
     half_axle_m: Positive = Field(default=0.5, description="Half the distance between the wheels.")
     wheel_radius_m: Positive = Field(default=0.2, description="Radius of the wheels.")
     wheel_torque_limit_nm: Positive | None = Field(
-        default=None, description="Torques beyond it are cut off; by default there is no limit."
+        default=None, description="Wheel torques are limited to this; no limit by default."
     )
     linear_friction_nspm: NonNegative = Field(default=0.0, description="Friction force per speed.")
     angular_friction_nmsprad: NonNegative = Field(
         default=0.0, description="Friction torque per turn rate."
     )
-    disturbance_force_n: float = Field(default=0.0, description="A constant force ahead.")
+    disturbance_force_n: float = Field(
+        default=0.0, description="Constant force in the direction of the heading."
+    )
     disturbance_torque_nm: float = Field(
-        default=0.0, description="A constant torque that turns left."
+        default=0.0, description="Constant torque, positive to the left."
     )
     damping: NonNegative = Field(
         default=0.0,
-        description="μ: pulls the robot to its own place; some μ > 0 brings the centroid home.",
+        description="μ: pulls the robot to its own place; with some μ > 0 the centroid converges.",
         json_schema_extra={"unit": "1/s"},
     )
 
@@ -82,11 +84,11 @@ class Start(Table):
 class Robot(Table):
     """``[[robots]]``: id, place in the pattern, start, and own values of ``[robot_defaults]``."""
 
-    id: RobotId = Field(description="How edges, links and the timeline name the robot.")
+    id: RobotId = Field(description="Id of the robot in edges, links and the timeline.")
     offset_m: Annotated[tuple[float, float], Field(strict=False)] = Field(
-        description="Its place (p_x, p_y) in the pattern."
+        description="Place (p_x, p_y) in the pattern."
     )
-    start: Start = Field(description="Where it starts, at rest.")
+    start: Start = Field(description="Initial pose, at rest.")
 
     def vehicle(self, defaults: Vehicle) -> Vehicle:
         """This robot's own values over the defaults."""

@@ -299,63 +299,63 @@ COMMENTS_AT = 36
 _TEMPLATE = """\
 #:schema {schema}
 # {robots} robots, pattern {pattern}, graph {graph}, network {preset}; written by `formnet new`.
-# `formnet check` says what the theory makes of it, `formnet run` runs and judges it.
-# Every key: docs/scenario.md; with the line above, editors (Taplo, Even Better TOML) complete them.
+# `formnet check` says what the theory predicts, `formnet run` runs and judges it.
+# Every key: docs/scenario.md; editors (Taplo, Even Better TOML) use the schema in the first line.
 name = "{name}"
-seed = {seed}  # draws all that is random; same seed, same run
+seed = {seed}  # seed of all random numbers; same seed, same run
 duration_s = {duration_s}
 
-[clock]  # how often things happen
+[clock]  # time and periods
 mode = "{mode}"  # "lockstep": virtual time, exactly repeatable; or "realtime"
 control_period_s = {control_period_s}  # a command is held for this long
-broadcast_period_s = 0.05  # each robot tells its neighbours its state
+broadcast_period_s = 0.05  # robots broadcast their states at this period
 
-[formation]  # who hears whom; edges have no direction
+[formation]  # communication graph; edges are undirected
 edges = [{edges}]
-coupling = {coupling}  # b: how hard neighbours pull on each other
+coupling = {coupling}  # b: weight of every edge
 
 [law]  # the paper's law; `formnet laws` lists others
 kind = "cooperative"
 level = "dynamic"  # commands are wheel torques; "kinematic": velocities
-beta = {beta}  # larger: sideways errors vanish faster; stiffer
-w1 = {{ bias = {bias} }}  # rad/s; at the end all robots turn in place like this
-feedback_gain = 3.0  # how fast velocities follow what the law wants
-boundary_layer = {boundary_layer}  # larger: gentler against wrong estimates
-gamma = 0.01  # it shrinks as exp(-gamma t): exact in the end, but stiff for who is back late
-length_scale_m = {scale_m}  # about as far as robots start from their places
+beta = {beta}  # larger: lateral errors vanish faster; stiffer
+w1 = {{ bias = {bias} }}  # rad/s; at the end all robots turn at this rate
+feedback_gain = 3.0  # how fast velocities follow the desired ones
+boundary_layer = {boundary_layer}  # epsilon; larger: softer robust term
+gamma = 0.01  # decay rate of the boundary layer; large: stiff late in a run
+length_scale_m = {scale_m}  # about the initial distance from the places
 
-[network.default]  # every link, each direction by itself (docs/netem.md)
+[network.default]  # every link, each direction separately (docs/netem.md)
 {network}
 
-# One link that is worse than the others:
+# A link that is worse than the others:
 # [[network.links]]
 # from = 1
 # to = 2
 # loss = {{ model = "random", probability = 0.3 }}
 
-# What happens on the way (docs/timeline.md, docs/faults.md):
+# Planned events (docs/timeline.md, docs/faults.md):
 # [[timeline]]
 # at_s = 10.0
 # action = "kill"
 # robots = 2
 # restart_after_s = 5.0
 
-[neighbours]  # what a robot does with what it hears
-on_silence = "drop"  # leave out who is not heard; "hold": use its last state
+[neighbours]  # handling of received messages
+on_silence = "drop"  # leave out silent neighbours; "hold": use their last states
 silence_s = 0.5
 
-[robot_defaults]  # a robot of two driven wheels; [[robots]] may differ
+[robot_defaults]  # a robot with two driven wheels; [[robots]] can override
 mass_kg = {mass_kg}
 inertia_kgm2 = 0.6
-mass_estimate_kg = {mass_estimate_kg}  # what the controller believes
+mass_estimate_kg = {mass_estimate_kg}  # what the controller assumes
 inertia_estimate_kgm2 = 0.8
 half_axle_m = 0.25
 wheel_radius_m = 0.1
 
-# offset_m: the place in the pattern. damping: pulls a robot to its own place, by which the
-# centroid comes home; it is on where the graph would be too slow without.
+# offset_m: the place in the pattern. damping: pulls a robot to its own place, so that the
+# centroid converges; only as many robots have it as the graph needs.
 {tables}
-[expect]  # what the run is judged by; leave it out to just look
+[expect]  # what the run is judged by; optional
 formation = true  # Eq. 3: the pattern
 heading = true  # Eq. 4: equal headings
 centroid = true  # Eq. 5: the pattern's centroid

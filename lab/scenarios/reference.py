@@ -16,9 +16,9 @@ HEAD = """\
 <!-- Written by `make reference` from the models of formation/ and netem/; edit those. -->
 # Scenarios: every key
 
-A scenario is a TOML file: single values first, then tables. `formnet new NAME` writes one to begin
-with; `formnet check FILE` names every mistake with its place, value and rule. Keys that are not
-listed here are refused.
+A scenario is a TOML file: single values first, then tables. `formnet new NAME` writes one to start
+from; `formnet check FILE` reports every mistake with its place, value and rule. Keys that are not
+listed here are errors.
 
 **In an editor.** Taplo and Even Better TOML (VS Code) complete and check a scenario whose first
 line names the [JSON Schema](../configs/scenario.schema.json), as those in `configs/` do:
@@ -27,20 +27,19 @@ line names the [JSON Schema](../configs/scenario.schema.json), as those in `conf
 #:schema ./scenario.schema.json
 ```
 
-`formnet new` puts a copy beside what it writes; `formnet schema --out scenario.schema.json` writes
-one anywhere. The schema knows each value by itself. What must fit together (robots that exist, a
-broadcast period that is a multiple of the control period, ends of a range) only `formnet check`
-sees.
+`formnet new` puts a copy beside the scenario; `formnet schema --out scenario.schema.json` writes
+one anywhere. The schema checks single values. Only `formnet check` checks relations between values
+(robots that exist, a broadcast period that is a multiple of the control period, bounds in order).
 
 **Times.** Keys that end in `_s` are in seconds, rounded to whole nanoseconds. Periods, delays and
-instants of the timeline are at most 3600; how long a run, a window or a trace is, at most 1e9.
+times of the timeline are at most 3600; the lengths of a run, a window and a trace at most 1e9.
 `duration_s` and `clock.broadcast_period_s` must be multiples of `clock.control_period_s` to the
-nanosecond: 1/60 s is 16666667 ns, of which 0.1 s is no multiple.
+nanosecond: 1/60 s is 16666667 ns, and 0.1 s is not a multiple of that.
 
-**Gains and periods.** `formnet check` and `formnet run` follow the closed loop on its way in,
-linearised again and again, and warn where commands are held for longer than 2/|λ| of its fastest
-rate λ: such a run chatters or diverges. The warning says which period, or which `law.beta`, would
-do. It leaves out what links lose and what the timeline changes.
+**Gains and periods.** `formnet check` and `formnet run` simulate the start of the run, linearise
+the closed loop repeatedly, and warn if commands are held for longer than 2/|λ|, where λ is its
+fastest eigenvalue: such a run chatters or diverges. The warning suggests a period or a `law.beta`.
+It ignores lost messages and changes of the network in the timeline.
 """
 
 SECTIONS = (

@@ -45,7 +45,9 @@ class ConstantDelaySettings(Table):
     """``delay = { distribution = "constant", mean_s = 0.1 }``"""
 
     model_config = ConfigDict(json_schema_extra=_names_its_kind)
-    distribution: Literal["constant"] = Field(default="constant", description="The same for all.")
+    distribution: Literal["constant"] = Field(
+        default="constant", description="The same for all messages."
+    )
     mean_s: Seconds = Field(default=0.0, description="Mean.")
 
     @property
@@ -64,12 +66,12 @@ class ConstantDelaySettings(Table):
 class UniformDelaySettings(Table):
     """``delay = { distribution = "uniform", low_s = 0.05, high_s = 0.3 }``"""
 
-    distribution: Literal["uniform"] = Field(description="Between two ends, both included.")
+    distribution: Literal["uniform"] = Field(description="Between the two bounds, inclusive.")
     low_s: Seconds = Field(description="Shortest delay.")
     high_s: Seconds = Field(description="Longest delay.")
     correlation: Correlation = Field(
         default=0.0,
-        description="Lag-1 correlation of successive delays; their distribution stays what it is.",
+        description="Lag-1 correlation of successive delays; does not change their distribution.",
     )
 
     @model_validator(mode="after")
@@ -97,7 +99,7 @@ class _RandomDelaySettings(Table):
     offset_s: Seconds = Field(default=0.0, description="Added to every draw.")
     correlation: Correlation = Field(
         default=0.0,
-        description="Lag-1 correlation of successive delays; their distribution stays what it is.",
+        description="Lag-1 correlation of successive delays; does not change their distribution.",
     )
 
     @property
@@ -125,7 +127,7 @@ class NormalDelaySettings(_RandomDelaySettings):
     """``{ distribution = "normal", mean_s = 0.05, stddev_s = 0.01 }``, truncated at zero."""
 
     distribution: Literal["normal"] = Field(
-        description="Normal, truncated at zero; its numbers are those before the truncation."
+        description="Normal, truncated at zero; its parameters are those before truncation."
     )
     mean_s: PositiveSeconds = Field(description="Mean.")
     stddev_s: PositiveSeconds = Field(description="Standard deviation.")
@@ -207,14 +209,14 @@ class EmpiricalDelaySettings(FromFile):
 
     COLUMNS: ClassVar = ("samples_s",)
     distribution: Literal["empirical"] = Field(
-        description="One of your measurements, each equally likely."
+        description="One of your measurements, each with equal probability."
     )
     samples_s: Annotated[list[Seconds], Field(min_length=1)] = Field(
         description="The measurements."
     )
     correlation: Correlation = Field(
         default=0.0,
-        description="Lag-1 correlation of successive delays; their distribution stays what it is.",
+        description="Lag-1 correlation of successive delays; does not change their distribution.",
     )
 
     @model_validator(mode="after")
@@ -245,16 +247,15 @@ class TraceDelaySettings(FromFile):
     """
 
     COLUMNS: ClassVar = ("times_s", "delays_s")
-    distribution: Literal["trace"] = Field(description="Replayed by the clock, in a loop.")
+    distribution: Literal["trace"] = Field(description="Replayed over time, in a loop.")
     times_s: Annotated[list[Annotated[float, Field(ge=0.0, le=1e9)]], Field(min_length=1)] = Field(
-        description="When each delay begins, from the first."
+        description="Start of each delay, from the first."
     )
     delays_s: Annotated[list[Seconds], Field(min_length=1)] = Field(description="The delays.")
     period_s: LongSeconds | None = Field(
         default=None,
         description=(
-            "When the trace begins anew; by default the last row lasts as long as the one before "
-            "it."
+            "Period of the loop; by default the last row lasts as long as the one before it."
         ),
     )
 

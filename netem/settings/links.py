@@ -140,13 +140,12 @@ class LinkSettings(_Preset):
     queue: QueueSettings = QueueSettings()
     slots: SlotsSettings = SlotsSettings()
     keep_order: bool = Field(
-        default=False, description="Whether nothing arrives before what was sent earlier."
+        default=False, description="No message arrives before one that was sent earlier."
     )
     playout_s: Seconds = Field(
         default=0.0,
         description=(
-            "Deliver everything this long after its stamp, and lose what comes later; 0: as it "
-            "comes."
+            "Deliver messages this long after their stamp, and lose later ones; 0: on arrival."
         ),
     )
 

@@ -15,12 +15,12 @@ class RandomLossSettings(Table):
     """``loss = { model = "random", probability = 0.01, correlation = 0.25 }``"""
 
     model: Literal["random"] = Field(
-        default="random", description="Each message by itself, or in runs."
+        default="random", description="Independent losses, or correlated ones."
     )
     probability: Probability = Field(default=0.0, description="Share of messages that are lost.")
     correlation: Correlation = Field(
         default=0.0,
-        description="Lag-1 correlation of successive losses; the share stays what it is.",
+        description="Lag-1 correlation of successive losses; does not change their share.",
     )
 
     @property
@@ -36,14 +36,16 @@ class GilbertElliottSettings(Table):
     """``{ model = "gilbert_elliott", p = 0.01, r = 0.2, loss_in_bad = 1.0 }``"""
 
     model: Literal["gilbert_elliott"] = Field(
-        description="Good and bad stretches: tc-netem's `gemodel p r 1-h 1-k`."
+        description="A good and a bad state: tc-netem's `gemodel p r 1-h 1-k`."
     )
-    p: Probability = Field(description="Chance of good turning bad, at each message.")
+    p: Probability = Field(description="Probability of changing from good to bad, per message.")
     r: Probability | None = Field(
-        default=None, description="Chance of bad turning good; by default 1 − p."
+        default=None, description="Probability of changing from bad to good; by default 1 − p."
     )
-    loss_in_bad: Probability = Field(default=1.0, description="Chance of loss in a bad stretch.")
-    loss_in_good: Probability = Field(default=0.0, description="Chance of loss in a good stretch.")
+    loss_in_bad: Probability = Field(default=1.0, description="Loss probability in the bad state.")
+    loss_in_good: Probability = Field(
+        default=0.0, description="Loss probability in the good state."
+    )
 
     @property
     def never(self) -> bool:
@@ -60,17 +62,17 @@ class FourStateSettings(Table):
     model: Literal["four_state"] = Field(
         description="tc-netem's `state`: 1 good, 2 good in a burst, 3 lost in a burst, 4 lost."
     )
-    p13: Probability = Field(description="Chance of a burst's beginning.")
+    p13: Probability = Field(description="Probability that a burst begins.")
     p31: Probability | None = Field(
-        default=None, description="Chance of a burst's end; by default 1 − p13."
+        default=None, description="Probability that a burst ends; by default 1 − p13."
     )
     p32: Probability = Field(
-        default=0.0, description="Chance of a message that arrives within a burst."
+        default=0.0, description="Probability that a message arrives within a burst."
     )
     p23: Probability = Field(
-        default=1.0, description="Chance of going back to loss within a burst."
+        default=1.0, description="Probability of returning to loss within a burst."
     )
-    p14: Probability = Field(default=0.0, description="Chance of a single loss.")
+    p14: Probability = Field(default=0.0, description="Probability of a single loss.")
 
     @model_validator(mode="after")
     def _sums(self) -> "FourStateSettings":
@@ -90,7 +92,7 @@ class TraceLossSettings(FromFile):
     """``{ model = "trace", losses = [0, 0, 1] }`` (1: lost), or ``file = "losses.csv"``; loops."""
 
     COLUMNS: ClassVar = ("losses",)
-    model: Literal["trace"] = Field(description="By a list, in a loop.")
+    model: Literal["trace"] = Field(description="From a list, in a loop.")
     losses: Annotated[list[Literal[0, 1]], Field(min_length=1)] = Field(
         description="1: lost, 0: not, message by message."
     )
@@ -111,8 +113,8 @@ class TraceLossSettings(FromFile):
 class EveryNthLossSettings(Table):
     """``{ model = "every_nth", n = 10 }``: the 10th, the 20th and so on are lost."""
 
-    model: Literal["every_nth"] = Field(description="By count.")
-    n: Annotated[int, Field(ge=1)] = Field(description="Every so many messages one is lost.")
+    model: Literal["every_nth"] = Field(description="Every n-th message.")
+    n: Annotated[int, Field(ge=1)] = Field(description="One of n messages is lost.")
 
     @property
     def never(self) -> bool:

@@ -34,7 +34,7 @@ class DuplicateSettings(Table):
     """``duplicate = { probability = 0.01 }``"""
 
     probability: Probability = Field(
-        default=0.0, description="Share of messages of which a second copy is sent."
+        default=0.0, description="Share of messages that are sent twice."
     )
 
     def duplicate(self) -> Duplicate | None:
@@ -60,7 +60,7 @@ class ReorderSettings(StageTable):
         default=0.0, description="Share of messages that skip delay and rate."
     )
     gap: Annotated[int, Field(ge=1)] = Field(
-        default=1, description="Only every so many messages may."
+        default=1, description="Only every n-th message can be reordered."
     )
 
     def stages(self) -> Stages:
@@ -70,7 +70,7 @@ class ReorderSettings(StageTable):
 class RateSettings(StageTable):
     """``rate = { bits_per_s = 1_000_000, overhead_bytes = 38 }``; 0 bits_per_s: no limit."""
 
-    bits_per_s: Count = Field(default=0, description="Never exceeded; 0: no limit.")
+    bits_per_s: Count = Field(default=0, description="Rate limit; 0: no limit.")
     overhead_bytes: Count = Field(default=0, description="Added to every message.")
     cell_bytes: Count = Field(
         default=0, description="Messages fill whole cells of this size; 0: no cells."
@@ -85,9 +85,9 @@ class QueueSettings(StageTable):
     """``queue = { messages = 1000, bytes = 64_000 }``; 0: no limit."""
 
     messages: Count = Field(
-        default=0, description="What finds so many under way is lost; 0: no limit."
+        default=0, description="Messages beyond this number in transit are lost; 0: no limit."
     )
-    bytes: Count = Field(default=0, description="Likewise for bytes.")
+    bytes: Count = Field(default=0, description="The same limit in bytes.")
 
     def stages(self) -> Stages:
         if not (self.messages or self.bytes):
@@ -101,10 +101,8 @@ class SlotsSettings(StageTable):
 
     min_s: Seconds = Field(default=0.0, description="Shortest time between two slots.")
     max_s: Seconds = Field(default=0.0, description="Longest time between two slots; 0: no slots.")
-    messages: Count = Field(default=0, description="At most so many leave in a slot; 0: no limit.")
-    bytes: Count = Field(
-        default=0, description="At most so many bytes leave in a slot; 0: no limit."
-    )
+    messages: Count = Field(default=0, description="Most messages per slot; 0: no limit.")
+    bytes: Count = Field(default=0, description="Most bytes per slot; 0: no limit.")
 
     @model_validator(mode="after")
     def _ordered(self) -> "SlotsSettings":

@@ -36,7 +36,7 @@ from formnet.lab.scenarios.new import CannotWrite, Wish, write
     default="ideal",
     show_default=True,
     metavar="PRESET",
-    help="Preset of every link: ideal, lan, wifi, wifi-congested, lte, satellite, robot-link.",
+    help="Preset: ideal, lan, wifi, wifi-congested, lte, satellite, robot-link.",
 )
 @click.option(
     "--spacing",
