@@ -15,6 +15,7 @@ SECTIONS: dict[tuple[str, str], dict[str, str]] = {
         "run": "Run SCENARIO and judge it.",
         "check": "Validate SCENARIO; print what the theory predicts.",
         "new": "Write a commented scenario to start from.",
+        "migrate": "Bring FILE to the current format.",
         "scenarios": "List the packaged scenarios.",
         "laws": "List the control laws available for law.kind.",
     },

@@ -16,7 +16,7 @@ seed = 3
 duration_s = 30.0
 clock = { control_period_s = 0.01, broadcast_period_s = 0.02, sync_bound_s = 0.01 }
 formation = { edges = [[1, 2], [2, 3]], coupling = { "1-2" = 2.0, "2-3" = 0.5 } }
-neighbours = { silence_s = 0.5, playout = "fixed", playout_s = 0.3 }
+neighbours = { silence_s = 0.5 }
 plant = { brake_time_s = 0.1, drive_timeout_s = 0.2 }
 run = { patience_s = 5.0 }
 

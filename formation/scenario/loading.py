@@ -14,6 +14,7 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
+from formnet.formation.formats.migration import FormatError, migrate
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.scenario.rules import broken_rules
 from formnet.netem.files.overrides import OverrideError, Values, assign
@@ -34,7 +35,7 @@ class ScenarioError(ValueError):
 
 
 def load(path: Path, overrides: Overrides = ()) -> Scenario:
-    """Read, override and validate a scenario file.
+    """Read, override and validate a scenario file; one of an older format is migrated in memory.
 
     ``overrides`` are values by key path (``{"law.beta": 5.0}``), or ``key.path=value`` texts, the
     value in TOML syntax (a bare word is taken as a string); robots are addressed by id:
@@ -69,6 +70,11 @@ def loads(
 
 
 def _built(data: dict[str, Any], file: str, overrides: Overrides, folder: Path | None) -> Scenario:
+    try:
+        migrate(data)
+    except FormatError as error:
+        problem = Problem(error.place, shown(error.value), error.rule)
+        raise ScenarioError(file, [problem]) from None
     bad = _put(data, overrides)
     scenario, found = _validate(data, folder)
     bad += found

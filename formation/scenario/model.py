@@ -7,12 +7,13 @@ one. Reading files, reporting errors and resolving overrides is
 """
 
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from formnet.formation.formats.migration import FORMAT
 from formnet.formation.plan.fault import spans_of
 from formnet.formation.plan.roster import Roster
 from formnet.formation.plan.timeline import PlanEntry, TimelineAction, effects, plan_of
@@ -25,7 +26,6 @@ from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.network import Neighbours, Network
 from formnet.formation.scenario.robots import RobotTable, Vehicle
 from formnet.formation.wire.state import State
-from formnet.netem.core.link import Link
 from formnet.netem.files.tables import LongSeconds, Table, nanoseconds
 from formnet.netem.settings.links import LinkSettings
 from formnet.netem.settings.timeline import Timeline
@@ -34,6 +34,10 @@ from formnet.netem.settings.timeline import Timeline
 class Scenario(Table):
     """One run, from a TOML file."""
 
+    format: Literal[2] = Field(
+        default=FORMAT,
+        description="The format of the file (1 if missing); `formnet migrate` updates older files.",
+    )
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)] = Field(
         description="Name of the run and its folder."
     )
@@ -91,21 +95,7 @@ class Scenario(Table):
 
     def link_settings(self, source: int, destination: int) -> LinkSettings:
         """One directed link's settings at the beginning."""
-        settings = self.network.settings(source, destination)
-        playout_s = self.neighbours.playout_s
-        if self.neighbours.playout == "fixed" and playout_s is not None and not settings.playout_s:
-            settings = settings.model_copy(update={"playout_s": playout_s})
-        return settings
-
-    def link(self, source: int, destination: int, life: int = 0) -> Link:
-        """One directed link as it is at the beginning.
-
-        It stands at the receiver, so one that was restarted ``life`` times has new ones.
-        """
-        name = f"{destination}, life {life}" if life else f"{destination}"
-        return self.link_settings(source, destination).link(
-            seed=self.seed, source=source, destination=name
-        )
+        return self.network.settings(source, destination)
 
     def roster(self) -> Roster:
         """Who is down when, as planned. Raises FaultError."""
@@ -113,10 +103,10 @@ class Scenario(Table):
             spans_of(enumerate(self.timeline), self.ids, self.seed, self.clock.control_period_ns)
         )
 
-    def timeline_of(self, source: int, destination: int, link: Link | None = None) -> Timeline:
-        """What happens to one directed link; it keeps ``link`` to it, if there is one."""
+    def timeline_of(self, source: int, destination: int) -> Timeline:
+        """What happens to one directed link."""
         settings = self.link_settings(source, destination)
-        return Timeline(settings, effects(self.timeline, source, destination, self.ids), link)
+        return Timeline(settings, effects(self.timeline, source, destination, self.ids))
 
     @property
     def plan(self) -> list[PlanEntry]:

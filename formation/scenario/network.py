@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field
 
 from formnet.formation.plan.selectors import Robots, pair_covers
 from formnet.netem.files.tables import STRICT, PositiveSeconds, Table
@@ -61,19 +61,3 @@ class Neighbours(Table):
         default=0.5,
         description=("A neighbour is silent after this time without a usable message (own clock)."),
     )
-    playout: Literal["latest", "fixed"] = Field(
-        default="latest",
-        description="Use each message when it arrives, or hold it until playout_s after its stamp.",
-    )
-    playout_s: PositiveSeconds | None = Field(
-        default=None,
-        description=(
-            'For "fixed": random delays become this constant delay; later messages are lost.'
-        ),
-    )
-
-    @model_validator(mode="after")
-    def _needs_a_time(self) -> "Neighbours":
-        if self.playout == "fixed" and self.playout_s is None:
-            raise ValueError('playout = "fixed" needs playout_s')
-        return self

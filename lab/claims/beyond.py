@@ -144,7 +144,7 @@ def networks() -> Iterator[Claim]:
             Case(
                 "fixed",
                 DELAYED,
-                (uniform, "neighbours.playout=fixed", "neighbours.playout_s=0.3"),
+                (uniform, "network.default.playout_s=0.3"),
                 ALL_HOLD,
             )
         ],

@@ -301,6 +301,7 @@ _TEMPLATE = """\
 # {robots} robots, pattern {pattern}, graph {graph}, network {preset}; written by `formnet new`.
 # `formnet check` says what the theory predicts, `formnet run` runs and judges it.
 # Every key: docs/scenario.md; editors (Taplo, Even Better TOML) use the schema in the first line.
+format = 2
 name = "{name}"
 seed = {seed}  # seed of all random numbers; same seed, same run
 duration_s = {duration_s}

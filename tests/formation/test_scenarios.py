@@ -41,7 +41,7 @@ BAD = {
         "seed = 1",
         "zzz = 1",
         "zzz = 1: unknown key; valid keys here: clock, description, "
-        "duration_s, expect, formation, hosts, law, name, neighbours, network, plant, robot_defaults, robots, "
+        "duration_s, expect, format, formation, hosts, law, name, neighbours, network, plant, robot_defaults, robots, "
         "run, seed, timeline",
     ),
     "missing key": ('name = "section5-delay"', "", "name: is required"),

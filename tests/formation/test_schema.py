@@ -60,8 +60,7 @@ to = 3
 delay = { distribution = "empirical", samples_s = [0.1, 0.2] }
 loss = { model = "trace", losses = [0, 1] }
 [neighbours]
-playout = "fixed"
-playout_s = 0.3
+on_silence = "hold"
 [plant]
 body_on_failure = "coast"
 [run]

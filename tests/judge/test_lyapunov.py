@@ -179,7 +179,7 @@ def test_no_constant_delay_makes_it_rise(paper, delay_s):
 
 def test_fixed_playout_makes_random_delay_constant(paper):
     noisy = 'network.default.delay={distribution="uniform",low_s=0.02,high_s=0.18}'
-    fixed = ('neighbours.playout="fixed"', "neighbours.playout_s=0.2")
+    fixed = ("network.default.playout_s=0.2",)
     _, latest = found_in(ran(paper("section5-delay", *EXACT, noisy, "duration_s=10")))
     _, constant = found_in(ran(paper("section5-delay", *EXACT, noisy, *fixed, "duration_s=10")))
     assert latest

@@ -53,9 +53,9 @@ def test_any_part_of_a_schedule_is_one_and_leaves_nothing_broken(paper, seed, na
     for robot in run.ids:
         assert roster.up(robot, healed_tick)
         assert roster.next_down(robot, healed_tick) == NEVER
+    plan = resolve(run)
     for source, destination in run.directed_links:
-        link = run.link(source, destination)
-        timeline = run.timeline_of(source, destination, link)
+        link, timeline = plan.robot(destination).incoming(0)[source]
         while timeline.next_ns < NEVER:
             timeline.advance(timeline.next_ns)
         assert timeline.settings == run.link_settings(source, destination)

@@ -244,7 +244,6 @@ def test_all_faults_that_cannot_happen_are_named_at_once(paper):
             "neighbours.silence_s=0.001",
             r"neighbours\.silence_s = 0\.001: must be at least clock\.broadcast_period_s = 0\.01",
         ),
-        ("neighbours.playout=fixed", 'playout = "fixed" needs playout_s'),
         ("plant.body_on_failure=explode", "must be 'brake', 'coast' or 'freeze'"),
         ("plant.brake_time_s=0.0", "plant.brake_time_s = 0.0: must be at least 1e-09"),
         ("run.on_unscheduled_loss=panic", "must be 'continue' or 'abort'"),
@@ -440,14 +439,13 @@ def test_a_silent_neighbour_is_held_if_asked(paper):
     assert seen[2000] == {1: 1900, 3: 990}
 
 
-def test_fixed_playout_makes_random_delay_constant(paper):
+def test_playout_makes_random_delay_constant(paper):
     random = 'network.default.delay={distribution="uniform", low_s=0.0, high_s=0.2}'
     scenario = paper(
         "section5-delay",
         "duration_s=1.0",
         random,
-        "neighbours.playout=fixed",
-        "neighbours.playout_s=0.15",
+        "network.default.playout_s=0.15",
     )
     rows = collected(scenario).link_rows
     assert {row.t_usable_ns - row.t_sent_ns for row in rows if row.t_usable_ns} == {150 * MS}
