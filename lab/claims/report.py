@@ -5,8 +5,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.results import Row
-from formnet.lab.judge.claim_words import EQUATIONS
 from formnet.lab.judge.verdict import versions
 from formnet.lab.runs import files
 
@@ -19,11 +19,10 @@ class NoBlock(ValueError):
 
 def markdown(rows: Sequence[Row]) -> str:
     """The table, one line a claim."""
-    lines = [
-        "| claim | in the paper | runs | should happen | happened | Eq. 3 (m) | Eq. 4 (rad) "
-        "| Eq. 5 (m) | verdict |",
-        "|---|---|--:|---|---|--:|--:|--:|---|",
-    ]
+    errors = [f"{error.reference} ({error.unit})" for error in ERRORS.values()]
+    heads = ["claim", "in the paper", "runs", "should happen", "happened", *errors, "verdict"]
+    marks = ["---", "---", "--:", "---", "---", *["--:"] * len(errors), "---"]
+    lines = [f"| {' | '.join(heads)} |", f"|{'|'.join(marks)}|"]
     for row in rows:
         cells = [
             f"{row.claim.says} (`{row.claim.key}`)",
@@ -31,7 +30,7 @@ def markdown(rows: Sequence[Row]) -> str:
             str(len(row.results)),
             row.claim.should,
             row.happened,
-            *(number(row, claim) for claim in EQUATIONS),
+            *(number(row, claim) for claim in ERRORS),
             row.verdict,
         ]
         lines.append("| " + " | ".join(cells) + " |")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.claim import Case, Claim
-from formnet.lab.judge.claim_words import EQUATIONS
 
 HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
 
@@ -31,7 +31,7 @@ class Result:
         return bool(self.verdict["outcome"]["kind"] == "diverged")
 
     def observed(self, claim: str) -> bool | None:
-        """Whether an equation of CLAIMS, or "lyapunov", was observed."""
+        """Whether a criterion was met; None: not judged."""
         value: bool | None = self.verdict["claims"][claim]["observed"]
         return value
 
@@ -82,11 +82,11 @@ class Row:
         if ends_s:
             return f"not claimed; observed: diverges at {', '.join(f'{t:.0f} s' for t in ends_s)}"
         found = []
-        for claim, title in EQUATIONS.items():
+        for claim, error in ERRORS.items():
             count = sum(result.observed(claim) is True for result in self.results)
             word = f"in {count} of {runs}" if count else "does not"
             word = "holds" if count == runs else word
-            found.append(f"{title} {word}")
+            found.append(f"{error.reference} {word}")
         return "not claimed; observed: " + ", ".join(found)
 
     def telling(self, claim: str) -> tuple[bool | None, float | None]:

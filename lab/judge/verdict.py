@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formnet.formation.paper.geometry import Errors, errors
-from formnet.formation.paper.theory import CLAIMS, assess
-from formnet.formation.scenario.expect import Expect
+from formnet.formation.paper.theory import assess
+from formnet.formation.scenario.expect import ERRORS, LYAPUNOV, Expect
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import lyapunov
-from formnet.lab.judge.rises import ROUNDING, rises, standing_causes
+from formnet.lab.judge.rises import rises, standing_causes
 from formnet.lab.runs import files
 from formnet.lab.runs.build import compiled
 from formnet.lab.runs.recording import Collected, Trajectories, trajectory_sha256
@@ -46,13 +46,13 @@ def of(
     judged = recording.up_at(outcome.t_ns)
     found = error_series(scenario, trajectories, judged)
     expect = scenario.expect or Expect()
-    tolerances = tolerances_of(expect)
+    tolerances = expect.tolerances
     completed = outcome.kind == "completed"
     window = trajectories.t_ns >= outcome.t_ns - nanoseconds(window_s(scenario))
     ended = bool(judged) and (completed or outcome.kind == "diverged")
     claims = {}
     for claim, series in by_claim(found).items():
-        expected = getattr(expect, claim)
+        expected = expect.claims[claim]
         within = bool(completed and np.all(series[window] <= tolerances[claim]))
         observed = within if ended else None
         claims[claim] = {
@@ -63,10 +63,10 @@ def of(
             "largest_in_window": _number(series[window].max()) if window.any() else None,
         }
     rising = _lyapunov(recording)
-    claims["lyapunov"] = _lyapunov_claim(
+    claims[LYAPUNOV.name] = _lyapunov_claim(
         rising if ended else None, expect.lyapunov, diverged=outcome.kind == "diverged"
     )
-    asked = [claim for claim in CLAIMS if getattr(expect, claim)] or list(CLAIMS)
+    asked = [name for name in ERRORS if expect.claims[name]] or list(ERRORS)
     assessment = assess(scenario)
     simulated_s = outcome.t_ns / 1e9
     return {
@@ -91,9 +91,7 @@ def of(
         "warnings": list(warnings),
         "theorem": assessment.theorem,
         "why": assessment.why,
-        "formation_error_m": _last(found.formation_m),
-        "heading_error_rad": _last(found.heading_rad),
-        "centroid_error_m": _last(found.centroid_m),
+        **{ERRORS[name].error_key: _last(series) for name, series in by_claim(found).items()},
         "window_s": window_s(scenario),
         "settling_time_s": settling_time(
             trajectories.t_s, {c: s for c, s in by_claim(found).items() if c in asked}, tolerances
@@ -173,16 +171,7 @@ def error_series(
 
 def by_claim(found: Errors) -> dict[str, NDArray[np.float64]]:
     """The errors under the names of the claims they decide."""
-    return dict(zip(CLAIMS, found, strict=True))
-
-
-def tolerances_of(expect: Expect) -> dict[str, float]:
-    """Each claim's tolerance, in the unit of its error."""
-    return {
-        "formation": expect.formation_tolerance_m,
-        "heading": expect.heading_tolerance_rad,
-        "centroid": expect.centroid_tolerance_m,
-    }
+    return dict(zip(ERRORS, found, strict=True))
 
 
 def window_s(scenario: Scenario) -> float:
@@ -287,7 +276,7 @@ def _lyapunov_claim(
         "expected": expected,
         "observed": observed,
         "holds": None if expected is None or observed is None else observed == expected,
-        "tolerance": ROUNDING,
+        "tolerance": LYAPUNOV.tolerance,
         "largest_in_window": largest,
     }
 

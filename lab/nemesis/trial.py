@@ -8,7 +8,7 @@ from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 from formnet.formation.briefing.resolving import resolve
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import verdict
 from formnet.lab.launch.engine import EngineName, engine
@@ -58,8 +58,9 @@ def unfit(scenario: Scenario) -> str | None:
     if not scenario.directed_links:
         return "formation.edges = []: needs an edge: links fail, too"
     expect = scenario.expect
-    if expect is None or not (expect.formation or expect.heading or expect.centroid):
-        return "expect: must claim formation, heading or centroid, to define recovery"
+    if expect is None or not any(expect.claims[name] for name in ERRORS):
+        *names, last = ERRORS
+        return f"expect: must claim {', '.join(names)} or {last}, to define recovery"
     return None
 
 
@@ -73,7 +74,7 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
         again = _run(scenario, trial.limit_s, stopped, "inline")
         problems += _differences(run, again)
     judged = verdict.of(run, mode=trial.engine, wall_s=0.0)
-    errors = {claim: judged["claims"][claim]["largest_in_window"] for claim in CLAIMS}
+    errors = {claim: judged["claims"][claim]["largest_in_window"] for claim in ERRORS}
     if not problems:
         problems += _not_recovered(judged)
     seconds = time.monotonic() - began
@@ -129,5 +130,5 @@ def _not_recovered(judged: dict[str, Any]) -> list[str]:
         f"{entry['largest_in_window']} in the last {judged['window_s']:g} s, "
         f"tolerance {entry['tolerance']:g}"
         for claim, entry in judged["claims"].items()
-        if claim in CLAIMS and entry["expected"] and not entry["observed"]
+        if claim in ERRORS and entry["expected"] and not entry["observed"]
     ]

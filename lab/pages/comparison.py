@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.expect import CRITERIA, ERRORS, Expect
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes, save
 from formnet.lab.judge import claim_words
-from formnet.lab.judge.verdict import by_claim, error_series, settled, standing, tolerances_of
+from formnet.lab.judge.verdict import by_claim, error_series, settled, standing
 from formnet.lab.runs import files
 from formnet.lab.runs.difference import first_difference, other_extremes
 from formnet.lab.runs.keypaths import by_path, shown
@@ -41,18 +41,18 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
     verdicts = [run.verdict or {} for run in found]
     scenarios = [run.scenario for run in found]
     said = [claim_words.told(v) for v in verdicts]
-    titles, units = claim_words.titles(*scenarios), claim_words.UNITS
+    titles = claim_words.titles(*scenarios)
     results = [
         ("verdict", [standing(v) for v in verdicts]),
         ("outcome", [v["outcome"]["kind"] for v in verdicts]),
         *(
-            (title, [_claim(units[claim], v["claims"].get(claim)) for v in verdicts])
+            (title, [_claim(CRITERIA[claim].unit, v["claims"].get(claim)) for v in verdicts])
             for claim, title in titles.items()
             if any(claim in told for told in said)
         ),
         ("settled after", [settled(v) for v in verdicts]),
         *(
-            (f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
+            (f"at the end: {label}", [_number(v[ERRORS[claim].error_key]) for v in verdicts])
             for claim, label in claim_words.labels(*scenarios).items()
         ),
         *_motions(verdicts),
@@ -89,7 +89,7 @@ def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
             continue
         up = run.up_at(int(trajectories.t_ns[-1]))
         series = by_claim(error_series(run.scenario, trajectories, up))
-        tolerances = tolerances_of(run.scenario.expect or Expect())
+        tolerances = (run.scenario.expect or Expect()).tolerances
         width = 1.2 + 1.8 * (1 - (number + 1) / count)  # what is the same still shows
         for axes, (claim, errors) in zip(panels, series.items(), strict=True):
             axes.semilogy(

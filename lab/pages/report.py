@@ -13,6 +13,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined, UndefinedError
 
 from formnet.formation.paper.theory import assess, of_the_paper
+from formnet.formation.scenario.expect import CRITERIA, ERRORS, LYAPUNOV, references
 from formnet.formation.scenario.loading import ScenarioError, dumps
 from formnet.formation.wire.record import Event
 from formnet.lab.judge import claim_words, verdict
@@ -124,7 +125,8 @@ def page(run: Recorded) -> str:
             headline=_headline(run, standing),
             notes=list(_notes(run)),
             titles=claim_words.titles(scenario),
-            units=claim_words.UNITS,
+            criteria=CRITERIA,
+            equations=references(),
             settled=None if judged is None else verdict.settled(judged),
             began=run.walls[0] if run.walls else None,
             in_runs=_in_runs(run.folder),
@@ -219,7 +221,7 @@ def _headline(run: Recorded, standing: str) -> str:
         return f"{claim_words.capital(said)}."
     if standing == verdict.OBSERVED:
         seen = [titles[name] for name, c in judged["claims"].items() if c["observed"]]
-        return f"Nothing was claimed. Observed: {', '.join(seen) or claim_words.NOTHING}."
+        return f"Nothing was claimed. Observed: {', '.join(seen) or claim_words.nothing()}."
     if standing == "lost" and outcome["kind"] == "completed":
         who = named([item["robot"] for item in judged["robots"]["lost"]])
         return f"Nothing was claimed, and not every robot survived: it lost {who}."
@@ -232,7 +234,7 @@ def _failing(judged: Mapping[str, Any], titles: Mapping[str, str]) -> Iterator[s
     for name, claim in judged["claims"].items():
         if claim["expected"] is None or claim["holds"]:
             continue
-        title, unit = titles[name], claim_words.UNITS[name]
+        title, unit = titles[name], CRITERIA[name].unit
         if claim["holds"] is None:
             yield f"{title} could not be judged"
         elif not claim["expected"]:
@@ -241,7 +243,7 @@ def _failing(judged: Mapping[str, Any], titles: Mapping[str, str]) -> Iterator[s
             yield f"{title} does not hold"
         else:
             largest, tolerance = claim["largest_in_window"], claim["tolerance"]
-            when = "" if name == "lyapunov" else f" in the last {_window_s(judged):g} s"
+            when = "" if name == LYAPUNOV.name else f" in the last {_window_s(judged):g} s"
             yield (
                 f"{title} does not hold: {largest:.2g} {unit}{when}, tolerance {tolerance:g} {unit}"
             )
@@ -282,9 +284,9 @@ def _window_s(judged: Mapping[str, Any]) -> float:
 def _falling(judged: Mapping[str, Any]) -> bool:
     """Whether all errors that should have been small were well below their largest at the end."""
     failing = [
-        (judged[claim_words.ENDS[name]], claim["largest_in_window"])
+        (judged[ERRORS[name].error_key], claim["largest_in_window"])
         for name, claim in judged["claims"].items()
-        if claim["expected"] and claim["holds"] is False and name in claim_words.ENDS
+        if claim["expected"] and claim["holds"] is False and name in ERRORS
     ]
     return bool(failing) and all(
         last is not None and largest is not None and last < 0.9 * largest

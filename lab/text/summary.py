@@ -7,6 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from formnet.formation.paper.theory import of_the_paper
+from formnet.formation.scenario.expect import CRITERIA, LYAPUNOV
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import claim_words, verdict
 from formnet.lab.runs.words import named, times, told
@@ -28,7 +29,7 @@ def claims_table(judged: dict[str, Any], scenario: Scenario) -> Table:
     ]
     rows = []
     for claim, entry in claim_words.told(judged).items():
-        unit = claim_words.UNITS[claim]
+        unit = CRITERIA[claim].unit
         largest = entry["largest_in_window"]
         rows.append(
             [
@@ -43,7 +44,7 @@ def claims_table(judged: dict[str, Any], scenario: Scenario) -> Table:
     why = f": {escape(judged['why'])}" if of_the_paper(scenario) else ""
     title = f"{judged['scenario']}{why}"
     made = table(title, columns, rows, "all are in verdict.json", output().width)
-    if judged["claims"]["lyapunov"]["largest_in_window"] is not None:
+    if judged["claims"][LYAPUNOV.name]["largest_in_window"] is not None:
         said = "V: the largest rise of the whole run, relative to V"
         made.caption = f"{made.caption}\n{said}" if made.caption else said
     return made

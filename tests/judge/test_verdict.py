@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formnet.formation.briefing.resolving import resolve
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.paper.geometry import Errors
+from formnet.formation.scenario.expect import CRITERIA, ERRORS, Expect
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.messages import Rejected
 from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
@@ -187,6 +188,20 @@ def test_length_of_the_window_without_expect(paper):
 # --- claims ---------------------------------------------------------------------------
 
 
+def test_expect_and_the_errors_have_a_field_for_every_row_of_the_table():
+    fields = Expect.model_fields
+    assert list(fields) == [
+        *CRITERIA,
+        *(row.tolerance_key for row in ERRORS.values()),
+        "window_s",
+    ]
+    assert list(Errors._fields) == [f"{row.name}_{row.unit}" for row in ERRORS.values()]
+    assert Expect(heading=False).claims == dict.fromkeys(CRITERIA) | {"heading": False}
+    assert Expect(heading_tolerance_rad=0.5).tolerances == {
+        name: 0.5 if name == "heading" else row.tolerance for name, row in ERRORS.items()
+    }
+
+
 def test_errors_at_the_end_are_eqs_3_to_5(tmp_path, paper):
     judged = trial(
         tmp_path / "run", paper("theorem4"), [(0, {}), (40 * S, {"heading": 0.3, "shift": 2.0})]
@@ -213,7 +228,7 @@ def test_each_claim_has_its_own_tolerance(tmp_path, paper):
         "theorem4", "expect.heading_tolerance_rad=0.4", "expect.centroid_tolerance_m=0.9"
     )
     judged = trial(tmp_path / "run", scenario, [(40 * S, {"heading": 0.3, "shift": 0.2})])
-    assert {claim: judged["claims"][claim]["tolerance"] for claim in CLAIMS} == {
+    assert {claim: judged["claims"][claim]["tolerance"] for claim in ERRORS} == {
         "formation": 0.05,
         "heading": 0.4,
         "centroid": 0.9,

@@ -6,7 +6,7 @@ import pytest
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.geometry import rotated
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.wire.record import Samples
 from formnet.lab.judge import verdict
 from formnet.lab.launch.inline import Inline
@@ -77,7 +77,7 @@ def test_every_theorem_reaches_its_expected_verdict(paper, number, tmp_path):
     recording.save()
     judged = verdict.of(recording, mode="inline", wall_s=1.0)
     assert judged["theorem"] == number
-    claims = {claim: judged["claims"][claim]["observed"] for claim in CLAIMS}
+    claims = {claim: judged["claims"][claim]["observed"] for claim in ERRORS}
     assert claims == {"formation": True, "heading": True, "centroid": number not in (1, 3)}
     assert verdict.passed(judged)
     if number in (1, 3):  # not by a hair: the centroid stays metres away
@@ -95,7 +95,7 @@ def test_section_5_with_delay_passes_on_other_connected_graphs(paper, graph):
     assert outcome.kind == "completed"
     window = trajectories.t_s >= 36.0
     series = verdict.by_claim(verdict.error_series(scenario, trajectories))
-    tolerances = verdict.tolerances_of(scenario.expect)
+    tolerances = scenario.expect.tolerances
     assert {c for c, s in series.items() if s[window].max() <= tolerances[c]} == set(series)
 
 

@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.loading import load, loads
 from formnet.formation.wire.record import Event, Outcome
 from formnet.lab.cli import main
-from formnet.lab.judge.claim_words import ENDS
 from formnet.lab.launch.inline import Inline
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages import report
@@ -270,8 +270,8 @@ def test_a_run_that_fell_short_is_told_that_it_did(copy):
     judged = json.loads((copy / "verdict.json").read_text())
     assert "still decreasing" not in Page(copy / "report.html").text
     for name, claim in judged["claims"].items():
-        if name in ENDS:
-            judged[ENDS[name]] = claim["largest_in_window"] / 2
+        if name in ERRORS:
+            judged[ERRORS[name].error_key] = claim["largest_in_window"] / 2
     (copy / "verdict.json").write_text(json.dumps(judged))
     report.write_report(copy)
     assert "still decreasing at the end" in Page(copy / "report.html").text

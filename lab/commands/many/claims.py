@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims import report
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.folder import write
 from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row, complete
 from formnet.lab.claims.work import Work, cost, do
 from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline
-from formnet.lab.judge.claim_words import EQUATIONS, UNITS
 from formnet.lab.launch import pool
 from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
@@ -185,7 +185,7 @@ def _table(rows: Sequence[Row]) -> Table:
     table = Table(box=SIMPLE_HEAD, title="the paper's claims", title_justify="left")
     for column in ("claim", "in the paper", "verdict"):
         table.add_column(column)
-    for column in ("runs", *(f"{name} ({UNITS[claim]})" for claim, name in EQUATIONS.items())):
+    for column in ("runs", *(f"{row.reference} ({row.unit})" for row in ERRORS.values())):
         table.add_column(column, justify="right", no_wrap=True)
     for row in rows:
         told = row.verdict if row.verdict == HOLDS else row.happened
@@ -194,6 +194,6 @@ def _table(rows: Sequence[Row]) -> Table:
             row.claim.where,
             f"[{_STYLES[row.verdict]}]{escape(told)}[/]",
             str(len(row.results)),
-            *(report.number(row, claim) for claim in EQUATIONS),
+            *(report.number(row, claim) for claim in ERRORS),
         )
     return table
