@@ -10,10 +10,11 @@ from matplotlib.lines import Line2D
 from formnet.formation.paper.geometry import errors
 from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.wire.record import Event
-from formnet.lab.claims.results import BROKEN, FAILS, OBSERVED, Row
+from formnet.lab.claims.results import BROKEN, Row
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes
 from formnet.lab.judge.claim_words import labels
 from formnet.lab.runs.recording import Collected
+from formnet.lab.verdict.model import FAILS, OBSERVED
 
 _LEAST, _MOST = 1e-8, 1e5
 _VERDICT_COLOURS = {FAILS: "#D55E00", BROKEN: "#D55E00", OBSERVED: "0.45"}

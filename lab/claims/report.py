@@ -7,8 +7,8 @@ from typing import Any
 
 from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.results import Row
-from formnet.lab.judge.verdict import versions
 from formnet.lab.runs import files
+from formnet.lab.runs.build import versions
 
 BEGIN, END = "<!-- formnet claims: begin -->", "<!-- formnet claims: end -->"
 
@@ -71,10 +71,13 @@ def as_json(rows: Sequence[Row], *, mode: str) -> dict[str, Any]:
                             "diverges": result.case.diverges,
                         },
                         "as_expected": result.as_expected,
-                        "outcome": result.verdict["outcome"],
-                        "claims": result.verdict["claims"],
-                        "settling_time_s": result.verdict["settling_time_s"],
-                        "trajectory_sha256": result.verdict["trajectory_sha256"],
+                        "outcome": result.verdict.outcome.model_dump(),
+                        "claims": {
+                            name: claim.model_dump()
+                            for name, claim in result.verdict.claims.items()
+                        },
+                        "settling_time_s": result.verdict.settling_time_s,
+                        "trajectory_sha256": result.verdict.trajectory_sha256,
                         "seconds": round(result.seconds, 3),
                     }
                     for result in row.results

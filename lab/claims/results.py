@@ -3,46 +3,44 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
 
 from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.claim import Case, Claim
+from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED, Verdict
 
-HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
+BROKEN = "BROKEN"
+"""The verdict on a claim of which a run did not end well."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One run: ``verdict`` is its verdict.json, ``seconds`` what it took on the wall."""
+    """One run, judged; ``seconds`` is what it took on the wall."""
 
     case: Case
-    verdict: Mapping[str, Any]
+    verdict: Verdict
     seconds: float
 
     @property
     def ended(self) -> bool:
         """Whether the run came to its end, diverging included, and nobody was lost unplanned."""
-        finished = self.verdict["outcome"]["kind"] in ("completed", "diverged")
-        return finished and not self.verdict["robots"]["lost"]
+        return self.verdict.outcome.planned and not self.verdict.robots.lost
 
     @property
     def diverged(self) -> bool:
         """Whether the state left the finite numbers."""
-        return bool(self.verdict["outcome"]["kind"] == "diverged")
+        return self.verdict.outcome.kind == "diverged"
 
     def observed(self, claim: str) -> bool | None:
         """Whether a criterion was met; None: not judged."""
-        value: bool | None = self.verdict["claims"][claim]["observed"]
-        return value
+        return self.verdict.claims[claim].observed
 
     def error(self, claim: str) -> float | None:
         """The largest error of an equation in the stretch that is judged; None if not finite."""
-        value: float | None = self.verdict["claims"][claim]["largest_in_window"]
-        return None if self.diverged else value
+        return None if self.diverged else self.verdict.claims[claim].largest_in_window
 
     def tolerance(self, claim: str) -> float:
         """What the error of an equation must stay within."""
-        return float(self.verdict["claims"][claim]["tolerance"])
+        return self.verdict.claims[claim].tolerance
 
     @property
     def as_expected(self) -> bool:
@@ -78,7 +76,7 @@ class Row:
             if wrong:
                 return f"not as predicted in {len(wrong)} of {runs} runs: {', '.join(wrong)}"
             return "as predicted" if runs == 1 else f"as predicted in all {runs} runs"
-        ends_s = [r.verdict["outcome"]["t_s"] for r in self.results if r.diverged]
+        ends_s = [r.verdict.outcome.t_s for r in self.results if r.diverged]
         if ends_s:
             return f"not claimed; observed: diverges at {', '.join(f'{t:.0f} s' for t in ends_s)}"
         found = []

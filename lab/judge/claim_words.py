@@ -5,14 +5,10 @@ law is judged by the same errors, but they are called by their names alone, and 
 V unless ``[expect]`` claims something of it: the theorems and V are of the paper's law.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 from formnet.formation.paper.theory import of_the_paper
 from formnet.formation.scenario.expect import (
     CRITERIA,
     ERRORS,
-    LYAPUNOV,
     ErrorCriterion,
     references,
 )
@@ -48,17 +44,6 @@ def nothing() -> str:
     """What was observed of Eqs. 3-5 where none was."""
     *titles, last = (row.title for row in ERRORS.values())
     return f"neither {', '.join(titles)} nor {last}"
-
-
-def told(judged: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The claims of a verdict that there is something to say of: V only if known or claimed."""
-    return {
-        name: claim
-        for name, claim in judged["claims"].items()
-        if name != LYAPUNOV.name
-        or claim["expected"] is not None
-        or judged.get("lyapunov") is not None
-    }
 
 
 def capital(text: str) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.judge import claim_words
-from formnet.lab.runs.recorded import Recorded
+from formnet.lab.verdict.recorded import Recorded
 
 _TITLES = {
     "errors": "",  # what errors are called depends on the law
@@ -51,7 +51,7 @@ def _in_words(name: str, run: Recorded) -> str:
         ends = ", ".join(
             f"{titles[name]} {value:.1e} {error.unit}"
             for name, error in ERRORS.items()
-            if (value := judged[error.error_key]) is not None
+            if (value := judged.error(name)) is not None
         )
         return f"Errors over time on a log axis, with their tolerances. At the end: {ends}."
     if name == "graph":

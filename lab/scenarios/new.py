@@ -17,7 +17,7 @@ from formnet.formation.scenario.loading import ScenarioError, loads
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.forecast.stiffness import MARGIN, course, longest_period_s
 from formnet.lab.runs import files
-from formnet.lab.scenarios import schema
+from formnet.lab.schemas import scenario as schema
 from formnet.netem.files.csv_file import Numbers, first_of, read_numbers
 from formnet.netem.files.problems import nearest
 from formnet.netem.settings.links import LinkSettings

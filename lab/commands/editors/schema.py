@@ -1,4 +1,4 @@
-"""``formnet schema``: the JSON Schema of scenarios."""
+"""``formnet schema``: the JSON Schemas of scenarios and of verdicts."""
 
 from pathlib import Path
 
@@ -7,19 +7,37 @@ import click
 from formnet.lab.commands.options import Command, fail
 from formnet.lab.runs import files
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.scenarios.schema import text
 
 
 @click.command("schema", cls=Command)
 @click.option(
+    "--of",
+    "kind",
+    type=click.Choice(["scenario", "verdict"]),
+    default="scenario",
+    show_default=True,
+    help="Of scenario files, or of the verdict.json that a run leaves.",
+)
+@click.option(
     "--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: standard output]"
 )
-def command(out: Path | None) -> None:
-    """Print the JSON Schema of scenarios, for editors."""
+def command(kind: str, out: Path | None) -> None:
+    """Print a JSON Schema, for editors and programs."""
+    text = _text(kind)
     if out is None:
-        click.echo(text(), nl=False)
+        click.echo(text, nl=False)
         return
     try:
-        files.replace(out, text())
+        files.replace(out, text)
     except OSError as error:
         fail(code_of(error), f"--out {out}: {error.strerror}")
+
+
+def _text(kind: str) -> str:
+    if kind == "verdict":
+        from formnet.lab.schemas import verdict
+
+        return verdict.text()
+    from formnet.lab.schemas import scenario
+
+    return scenario.text()

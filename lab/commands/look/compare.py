@@ -14,10 +14,11 @@ from formnet.lab.pages.comparison import MOST_RUNS, comparison, figure, parts, w
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import filled
-from formnet.lab.runs.recorded import Unreadable, read_whole
 from formnet.lab.text.problems import report_problems
 from formnet.lab.text.side_by_side import renderables
 from formnet.lab.text.tables import output
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import read_whole
 
 
 @click.command("compare", cls=Command)

@@ -19,9 +19,10 @@ from formnet.lab.runs.build import install
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
-from formnet.lab.runs.recorded import Recorded, Unreadable, event_lines, read_whole
 from formnet.lab.runs.recording import LINKS, STATES
 from formnet.lab.text.problems import report_problems
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import Recorded, event_lines, read_whole
 
 
 @click.command("export", cls=Command)

@@ -14,8 +14,9 @@ from formnet.lab.figures import run_figures as figures
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import filled
-from formnet.lab.runs.recorded import Unreadable, read_run
 from formnet.lab.text.problems import report_problems
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import read_run
 
 
 @click.command("plot", cls=Command)

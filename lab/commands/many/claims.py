@@ -16,7 +16,7 @@ from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims import report
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.folder import write
-from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row, complete
+from formnet.lab.claims.results import BROKEN, Result, Row, complete
 from formnet.lab.claims.work import Work, cost, do
 from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline
 from formnet.lab.launch import pool
@@ -28,6 +28,7 @@ from formnet.lab.runs.exits import BROKEN as RUN_BROKE
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, forget, fresh_folder
 from formnet.lab.text.tables import output
+from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
 
 _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
 
@@ -161,14 +162,14 @@ def _do_all(
     else:  # every run has all cores
         found = pool.in_turn(do, work, stopped)
     for item, result in pool.shown(console, found, len(work), _label):
-        if result.verdict["outcome"]["kind"] == "interrupted":
+        if result.verdict.outcome.kind == "interrupted":
             return
         done[item.claim, item.case.name] = result
         if not result.as_expected:
-            outcome = result.verdict["outcome"]
-            how = f"{outcome['kind']} {outcome['reason']}".strip()
-            for lost in result.verdict["robots"]["lost"]:
-                how += f"; robot {lost['robot']} was lost: {lost['reason']}"
+            outcome = result.verdict.outcome
+            how = f"{outcome.kind} {outcome.reason}".strip()
+            for lost in result.verdict.robots.lost:
+                how += f"; robot {lost.robot} was lost: {lost.reason}"
             console.print(
                 f"[red]not as predicted:[/] {_label(item)} ({escape(how)}), see "
                 + escape(str(item.folder)),
