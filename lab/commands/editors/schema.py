@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from formnet.lab.commands.options import Command, fail
+from formnet.lab.commands.options import Command, fail, out_option
 from formnet.lab.runs import files
 from formnet.lab.runs.exits import of as code_of
 
@@ -18,9 +18,7 @@ from formnet.lab.runs.exits import of as code_of
     show_default=True,
     help="Of scenario files, or of the verdict.json that a run leaves.",
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: standard output]"
-)
+@out_option("[default: standard output]", metavar="FILE")
 def command(kind: str, out: Path | None) -> None:
     """Print a JSON Schema, for editors and programs."""
     text = _text(kind)

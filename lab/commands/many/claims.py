@@ -18,7 +18,7 @@ from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.folder import write
 from formnet.lab.claims.results import BROKEN, Result, Row, complete
 from formnet.lab.claims.work import Work, cost, do
-from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline
+from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline, out_option
 from formnet.lab.launch import pool
 from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
@@ -42,11 +42,7 @@ _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
     help="Run only claims whose key matches, e.g. theorem-* (--list shows the keys). Repeatable.",
 )
 @click.option("--list", "listed", is_flag=True, help="List the claims and exit.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Results folder  [default: runs/claims-<time>]",
-)
+@out_option("Results folder  [default: runs/claims-<time>]")
 @click.option(
     "--into",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),

@@ -22,6 +22,7 @@ from formnet.lab.commands.options import (
     VIEW,
     WEB,
     Command,
+    out_option,
     viewer,
 )
 from formnet.lab.forecast.checked import load_checked
@@ -51,9 +52,7 @@ if TYPE_CHECKING:
 
 @click.command("run", cls=Command)
 @SCENARIO
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Run folder  [default: runs/<name>-<time>]"
-)
+@out_option("Run folder  [default: runs/<name>-<time>]")
 @OVERRIDE
 @click.option(
     "--inline", is_flag=True, help="Run in one process, without Zenoh; same trajectories."
