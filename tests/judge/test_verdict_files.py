@@ -100,6 +100,7 @@ def test_every_criterion_has_its_error_at_the_end():
     assert [verdict.error(name) for name in ERRORS] == [0.5, 0.25, 1e300]
 
 
+@pytest.mark.processes
 def test_reading_a_verdict_loads_nothing_that_computes_one(ran):
     program = (
         "import sys; from pathlib import Path; from formnet.lab.verdict.files import read; "
