@@ -20,7 +20,10 @@ from formnet.lab.runs.exits import of as code_of
 )
 @out_option("[default: standard output]", metavar="FILE")
 def command(kind: str, out: Path | None) -> None:
-    """Print a JSON Schema, for editors and programs."""
+    """Print the JSON Schema of scenarios or verdicts.
+
+    Editors check and complete scenarios with it; programs that read verdicts validate them.
+    """
     text = _text(kind)
     if out is None:
         click.echo(text, nl=False)
