@@ -34,7 +34,9 @@ bench: $(VENV)/.bench
 
 reference: $(VENV)/.base
 	$(BIN)/formnet schema --out configs/scenario.schema.json
-	$(BIN)/python -m formnet.lab.scenarios.reference docs/scenario.md
+	$(BIN)/formnet schema --of verdict --out docs/verdict.schema.json
+	$(BIN)/python -m formnet.lab.schemas.scenario_page docs/scenario.md
+	$(BIN)/python -m formnet.lab.schemas.verdict_page docs/verdict.md
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

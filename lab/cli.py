@@ -41,7 +41,7 @@ SECTIONS: dict[tuple[str, str], dict[str, str]] = {
         "keys": "Make certificates for the processes of a run.",
     },
     ("Editors and shells", "editors"): {
-        "schema": "Print the JSON Schema of scenarios, for editors.",
+        "schema": "Print the JSON Schema of scenarios or verdicts.",
         "completion": "Print the completion script for SHELL.",
     },
     ("Started by formnet run", "processes"): {

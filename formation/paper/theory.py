@@ -13,12 +13,9 @@ from formnet.formation.paper.graph import (
     smallest_eigenvalue,
 )
 from formnet.formation.plan.timeline import effects
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
 from formnet.netem.settings.actions import Cut, Heal
-
-CLAIMS = ("formation", "heading", "centroid")
-"""Eqs. 3, 4 and 5, by the names they have in ``[expect]``."""
-
 
 LAWS = ("cooperative", "leader_follower")
 """The laws that the paper speaks of: that of its theorems, and the one Remark 9 holds beside it."""
@@ -28,7 +25,7 @@ class Assessment(NamedTuple):
     """The theory's view of one scenario.
 
     ``theorem`` is 1-6 or None; ``why`` says how that follows. ``claims`` maps
-    each of CLAIMS to whether the theorem claims it (empty without a theorem).
+    the name of each of Eqs. 3-5 to whether the theorem claims it (empty without a theorem).
     ``cross_term_margin`` is β λ_min(L + diag μ), which must exceed 1/4 for
     Theorems 2 and 4 to survive the cross term their proofs drop.
     """
@@ -67,7 +64,7 @@ def assess(scenario: Scenario) -> Assessment:
     else:
         theorem, why = _theorem(scenario, any(mu > 0 for mu in damping))
     claims = (
-        {} if theorem is None else dict.fromkeys(CLAIMS, True) | {"centroid": theorem not in (1, 3)}
+        {} if theorem is None else dict.fromkeys(ERRORS, True) | {"centroid": theorem not in (1, 3)}
     )
     # To see what holds on an imperfect network, with failures, is what a run is for: no warning.
     beyond = bool(broken or gaps)
@@ -113,7 +110,7 @@ def _out_of_touch(scenario: Scenario, apart: list[str]) -> list[str]:
 
 def _not_coming_about(scenario: Scenario, apart: list[str]) -> list[str]:
     expect = scenario.expect
-    if expect is None or not any(getattr(expect, claim) for claim in CLAIMS):
+    if expect is None or not any(expect.claims[name] for name in ERRORS):
         return []
     return [f"[expect] may be unattainable: {since}" for since in apart]
 
@@ -280,7 +277,7 @@ def _expectation_warnings(
         warnings.append(
             "expect.centroid = true, but no robot has positive damping (Theorem 2 requires Σμ > 0)"
         )
-    stated = {claim: getattr(expect, claim) for claim in CLAIMS}
+    stated = {name: expect.claims[name] for name in ERRORS}
     warnings += _not_coming_about(scenario, apart)
     if beyond and any(stated.values()):
         warnings.append(

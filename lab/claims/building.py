@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.claim import Case, Claim
-from formnet.lab.judge.claim_words import EQUATIONS
 
 SECTION5, DELAYED = "paper/section5.toml", "paper/section5-delay.toml"
 FOLLOWING = "faults/leader-follower.toml"
@@ -22,8 +22,8 @@ Edges = Iterable[tuple[int, int]]
 def claim_of(key: str, says: str, where: str, cases: Sequence[Case]) -> Claim:
     """A claim whose runs all end alike, so that ``should`` follows from the first."""
     asked = cases[0].asked
-    hold = [EQUATIONS[claim] for claim, value in asked.items() if value]
-    fail = [EQUATIONS[claim] for claim, value in asked.items() if not value]
+    hold = [ERRORS[claim].equation for claim, value in asked.items() if value]
+    fail = [ERRORS[claim].equation for claim, value in asked.items() if not value]
     words = [f"{_and(hold)} hold" + ("s" if len(hold) == 1 else "")] if hold else []
     if fail:
         words.append(f"{_and(fail)} " + ("does not" if len(fail) == 1 else "do not"))
@@ -31,9 +31,8 @@ def claim_of(key: str, says: str, where: str, cases: Sequence[Case]) -> Claim:
     return Claim(key, says, where, should, tuple(cases))
 
 
-def _and(equations: Sequence[str]) -> str:
-    numbers = [equation.removeprefix("Eq. ") for equation in equations]
-    return ("Eq. " if len(numbers) == 1 else "Eqs. ") + ", ".join(numbers)
+def _and(equations: Sequence[int]) -> str:
+    return ("Eq. " if len(equations) == 1 else "Eqs. ") + ", ".join(map(str, equations))
 
 
 def with_edges(edges: Edges) -> str:

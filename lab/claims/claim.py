@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.expect import CENTROID, ERRORS, LYAPUNOV
 
-ALL_HOLD: Mapping[str, bool] = dict.fromkeys(CLAIMS, True)
+ALL_HOLD: Mapping[str, bool] = dict.fromkeys(ERRORS, True)
 """Eqs. 3, 4 and 5 hold."""
-NOT_HOME: Mapping[str, bool] = {**ALL_HOLD, "centroid": False}
+NOT_HOME: Mapping[str, bool] = {**ALL_HOLD, CENTROID.name: False}
 """Eqs. 3 and 4 hold, Eq. 5 does not."""
-APART: Mapping[str, bool] = dict.fromkeys(CLAIMS, False)
+APART: Mapping[str, bool] = dict.fromkeys(ERRORS, False)
 """None of them holds."""
-NEVER_RISES: Mapping[str, bool] = {"lyapunov": True}
+NEVER_RISES: Mapping[str, bool] = {LYAPUNOV.name: True}
 """V never rises beyond its budget."""
 
 
@@ -20,8 +20,8 @@ class Case:
     """One run of a claim.
 
     ``scenario`` is a file below ``configs``, ``overrides`` what ``--set`` changes in it.
-    ``expected`` maps some of "formation", "heading", "centroid" (Eqs. 3-5) and "lyapunov" to
-    whether it shall be observed; empty where the paper says nothing.
+    ``expected`` maps the names of some criteria (:mod:`formation.scenario.expect`) to whether
+    they shall be met; empty where the paper says nothing.
     ``diverges``: the run ends because the state leaves the finite numbers.
     """
 

@@ -8,11 +8,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from formnet.formation.paper.geometry import errors
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.wire.record import Event
-from formnet.lab.claims.results import BROKEN, FAILS, OBSERVED, Row
+from formnet.lab.claims.results import BROKEN, Row
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes
-from formnet.lab.judge.claim_words import EQUATIONS, labels
+from formnet.lab.judge.claim_words import labels
 from formnet.lab.runs.recording import Collected
+from formnet.lab.verdict.model import FAILS, OBSERVED
 
 _LEAST, _MOST = 1e-8, 1e5
 _VERDICT_COLOURS = {FAILS: "#D55E00", BROKEN: "#D55E00", OBSERVED: "0.45"}
@@ -27,7 +29,7 @@ def summary(rows: Sequence[Row]) -> Figure:
     figure = blank(11.0, 1.6 + 0.36 * len(rows))
     axes = figure.subplots()
     for place, row in enumerate(rows):
-        for shift, (claim, colour) in enumerate(zip(EQUATIONS, COLOURS, strict=False)):
+        for shift, (claim, colour) in enumerate(zip(ERRORS, COLOURS, strict=False)):
             for result in row.results:
                 wanted = result.case.asked.get(claim)
                 if result.case.expected is not None and wanted is None:
@@ -72,8 +74,8 @@ def _name(row: Row) -> str:
 
 def _legend() -> list[Line2D]:
     equations = [
-        Line2D([], [], marker="o", ls="", color=colour, label=title)
-        for title, colour in zip(EQUATIONS.values(), COLOURS, strict=False)
+        Line2D([], [], marker="o", ls="", color=colour, label=error.reference)
+        for error, colour in zip(ERRORS.values(), COLOURS, strict=False)
     ]
     marks = [("o", "0.3", "should hold"), ("o", "white", "should not"), ("x", "0.3", "not claimed")]
     return equations + [

@@ -5,10 +5,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.results import Row
-from formnet.lab.judge.claim_words import EQUATIONS
-from formnet.lab.judge.verdict import versions
 from formnet.lab.runs import files
+from formnet.lab.runs.build import versions
 
 BEGIN, END = "<!-- formnet claims: begin -->", "<!-- formnet claims: end -->"
 
@@ -19,11 +19,10 @@ class NoBlock(ValueError):
 
 def markdown(rows: Sequence[Row]) -> str:
     """The table, one line a claim."""
-    lines = [
-        "| claim | in the paper | runs | should happen | happened | Eq. 3 (m) | Eq. 4 (rad) "
-        "| Eq. 5 (m) | verdict |",
-        "|---|---|--:|---|---|--:|--:|--:|---|",
-    ]
+    errors = [f"{error.reference} ({error.unit})" for error in ERRORS.values()]
+    heads = ["claim", "in the paper", "runs", "should happen", "happened", *errors, "verdict"]
+    marks = ["---", "---", "--:", "---", "---", *["--:"] * len(errors), "---"]
+    lines = [f"| {' | '.join(heads)} |", f"|{'|'.join(marks)}|"]
     for row in rows:
         cells = [
             f"{row.claim.says} (`{row.claim.key}`)",
@@ -31,7 +30,7 @@ def markdown(rows: Sequence[Row]) -> str:
             str(len(row.results)),
             row.claim.should,
             row.happened,
-            *(number(row, claim) for claim in EQUATIONS),
+            *(number(row, claim) for claim in ERRORS),
             row.verdict,
         ]
         lines.append("| " + " | ".join(cells) + " |")
@@ -72,10 +71,13 @@ def as_json(rows: Sequence[Row], *, mode: str) -> dict[str, Any]:
                             "diverges": result.case.diverges,
                         },
                         "as_expected": result.as_expected,
-                        "outcome": result.verdict["outcome"],
-                        "claims": result.verdict["claims"],
-                        "settling_time_s": result.verdict["settling_time_s"],
-                        "trajectory_sha256": result.verdict["trajectory_sha256"],
+                        "outcome": result.verdict.outcome.model_dump(),
+                        "claims": {
+                            name: claim.model_dump()
+                            for name, claim in result.verdict.claims.items()
+                        },
+                        "settling_time_s": result.verdict.settling_time_s,
+                        "trajectory_sha256": result.verdict.trajectory_sha256,
                         "seconds": round(result.seconds, 3),
                     }
                     for result in row.results

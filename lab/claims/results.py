@@ -3,46 +3,44 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.claim import Case, Claim
-from formnet.lab.judge.claim_words import EQUATIONS
+from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED, Verdict
 
-HOLDS, FAILS, OBSERVED, BROKEN = "holds", "FAILS", "observed", "BROKEN"
+BROKEN = "BROKEN"
+"""The verdict on a claim of which a run did not end well."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One run: ``verdict`` is its verdict.json, ``seconds`` what it took on the wall."""
+    """One run, judged; ``seconds`` is what it took on the wall."""
 
     case: Case
-    verdict: Mapping[str, Any]
+    verdict: Verdict
     seconds: float
 
     @property
     def ended(self) -> bool:
         """Whether the run came to its end, diverging included, and nobody was lost unplanned."""
-        finished = self.verdict["outcome"]["kind"] in ("completed", "diverged")
-        return finished and not self.verdict["robots"]["lost"]
+        return self.verdict.outcome.planned and not self.verdict.robots.lost
 
     @property
     def diverged(self) -> bool:
         """Whether the state left the finite numbers."""
-        return bool(self.verdict["outcome"]["kind"] == "diverged")
+        return self.verdict.outcome.kind == "diverged"
 
     def observed(self, claim: str) -> bool | None:
-        """Whether an equation of CLAIMS, or "lyapunov", was observed."""
-        value: bool | None = self.verdict["claims"][claim]["observed"]
-        return value
+        """Whether a criterion was met; None: not judged."""
+        return self.verdict.claims[claim].observed
 
     def error(self, claim: str) -> float | None:
         """The largest error of an equation in the stretch that is judged; None if not finite."""
-        value: float | None = self.verdict["claims"][claim]["largest_in_window"]
-        return None if self.diverged else value
+        return None if self.diverged else self.verdict.claims[claim].largest_in_window
 
     def tolerance(self, claim: str) -> float:
         """What the error of an equation must stay within."""
-        return float(self.verdict["claims"][claim]["tolerance"])
+        return self.verdict.claims[claim].tolerance
 
     @property
     def as_expected(self) -> bool:
@@ -78,15 +76,15 @@ class Row:
             if wrong:
                 return f"not as predicted in {len(wrong)} of {runs} runs: {', '.join(wrong)}"
             return "as predicted" if runs == 1 else f"as predicted in all {runs} runs"
-        ends_s = [r.verdict["outcome"]["t_s"] for r in self.results if r.diverged]
+        ends_s = [r.verdict.outcome.t_s for r in self.results if r.diverged]
         if ends_s:
             return f"not claimed; observed: diverges at {', '.join(f'{t:.0f} s' for t in ends_s)}"
         found = []
-        for claim, title in EQUATIONS.items():
+        for claim, error in ERRORS.items():
             count = sum(result.observed(claim) is True for result in self.results)
             word = f"in {count} of {runs}" if count else "does not"
             word = "holds" if count == runs else word
-            found.append(f"{title} {word}")
+            found.append(f"{error.reference} {word}")
         return "not claimed; observed: " + ", ".join(found)
 
     def telling(self, claim: str) -> tuple[bool | None, float | None]:

@@ -9,12 +9,13 @@ from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.claims.claim import Case
 from formnet.lab.claims.results import Result
-from formnet.lab.judge import verdict
 from formnet.lab.launch import engine as execution
 from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.pool import Stopped
 from formnet.lab.runs.recording import Recording
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.verdict import files
+from formnet.lab.verdict.model import judge
 
 
 class Work(NamedTuple):
@@ -44,8 +45,8 @@ def do(item: Work, stopped: Stopped) -> Result:
     engine = execution.engine(item.engine, item.folder / "logs")
     engine.run(resolve(recording.scenario), recording, stopped)
     seconds = time.monotonic() - began
-    judged = verdict.of(recording, mode=engine.name, wall_s=seconds)
-    verdict.save(judged, item.folder)
+    judged = judge(recording, mode=engine.name, wall_s=seconds)
+    files.save(judged, item.folder)
     result = Result(item.case, judged, seconds)
     if result.as_expected:
         recording.close()

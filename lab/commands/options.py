@@ -1,8 +1,9 @@
 """What several commands share: kinds of values, arguments, options, and how a command fails."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
@@ -10,6 +11,8 @@ from formnet.lab.commands.complete import run_folders, toml_files
 
 if TYPE_CHECKING:
     from formnet.lab.launch.engine import EngineName
+
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
 class Command(click.Command):
@@ -123,6 +126,11 @@ LEASH = click.option(
 )
 VIEW = click.option("--view", is_flag=True, help="Show the run in a window (Rerun).")
 WEB = click.option("--web", is_flag=True, help="Show the run in a browser on this machine.")
+
+
+def out_option(text: str, metavar: str | None = None) -> Callable[[Decorated], Decorated]:
+    """``--out``, for a new file or folder; ``text`` is its help."""
+    return click.option("--out", type=click.Path(path_type=Path), metavar=metavar, help=text)
 
 
 def viewer(*, view: bool, web: bool) -> str | None:

@@ -27,10 +27,10 @@ from formnet.lab.figures.canvas import (
 from formnet.lab.figures.graph import graph
 from formnet.lab.figures.headings import headings
 from formnet.lab.judge import claim_words
+from formnet.lab.judge.errors import by_claim, error_series, window_s
 from formnet.lab.judge.lyapunov import Curve, equation
 from formnet.lab.judge.lyapunov import curve as lyapunov_curve
 from formnet.lab.judge.rises import rises
-from formnet.lab.judge.verdict import by_claim, error_series, tolerances_of, window_s
 from formnet.lab.runs.recording import Collected, Trajectories
 from formnet.plant.world import RUNAWAY
 
@@ -174,7 +174,7 @@ def errors(recording: Collected) -> Figure:
     judged = recording.up_at(int(trajectories.t_ns[-1]))
     figure = blank(9.0, 4.6)
     axes = figure.subplots()
-    tolerances = tolerances_of(scenario.expect or Expect())
+    tolerances = (scenario.expect or Expect()).tolerances
     mark = line_or_point(trajectories.t_s)
     labels = claim_words.labels(scenario)
     for (claim, series), colour in zip(

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formnet.formation.paper.theory import outside_model
+from formnet.formation.scenario.expect import LYAPUNOV
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge.closed_loop import Array
 from formnet.lab.judge.lyapunov import Curve
 from formnet.lab.runs.recording import Collected
 from formnet.netem.core.transit import LOST_DOWN
 
-ROUNDING = 1e-9
-"""A gain below this share of V is not a rise."""
 _APART = 10
 """Rises fewer broadcast periods apart are one."""
 
@@ -33,7 +32,7 @@ def rises(recording: Collected, found: Curve) -> list[Rise]:
     first = int(np.argmax(found.whole)) if found.whole.any() else len(found.v) - 1
     with np.errstate(invalid="ignore"):  # a diverging run overflows
         excess = np.diff(found.v) - found.budget[1:]
-        beyond = ~(excess <= ROUNDING * found.v[:-1])
+        beyond = ~(excess <= LYAPUNOV.tolerance * found.v[:-1])
     marked = np.flatnonzero(beyond[first:]) + first
     if not len(marked):
         return []

@@ -5,18 +5,19 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from formnet.formation.briefing.resolving import resolve
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
-from formnet.lab.judge import verdict
 from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.pool import Stopped
 from formnet.lab.nemesis.consistency import inconsistencies
 from formnet.lab.nemesis.schedule import Episode, scheduled
-from formnet.lab.runs.difference import first_difference, other_extremes
+from formnet.lab.runs.difference import differences
 from formnet.lab.runs.recording import Collected, Recording, trajectory_sha256
+from formnet.lab.verdict.model import Verdict, judge
+from formnet.lab.verdict.traffic import rejections
 
 
 class Trial(NamedTuple):
@@ -58,8 +59,9 @@ def unfit(scenario: Scenario) -> str | None:
     if not scenario.directed_links:
         return "formation.edges = []: needs an edge: links fail, too"
     expect = scenario.expect
-    if expect is None or not (expect.formation or expect.heading or expect.centroid):
-        return "expect: must claim formation, heading or centroid, to define recovery"
+    if expect is None or not any(expect.claims[name] for name in ERRORS):
+        *names, last = ERRORS
+        return f"expect: must claim {', '.join(names)} or {last}, to define recovery"
     return None
 
 
@@ -72,8 +74,8 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
     if trial.twice and not problems:
         again = _run(scenario, trial.limit_s, stopped, "inline")
         problems += _differences(run, again)
-    judged = verdict.of(run, mode=trial.engine, wall_s=0.0)
-    errors = {claim: judged["claims"][claim]["largest_in_window"] for claim in CLAIMS}
+    judged = judge(run, mode=trial.engine, wall_s=0.0)
+    errors = {name: judged.claims[name].largest_in_window for name in ERRORS}
     if not problems:
         problems += _not_recovered(judged)
     seconds = time.monotonic() - began
@@ -110,24 +112,18 @@ def _problems(run: Collected, limit_s: float) -> list[str]:
 
 def _differences(first: Collected, second: Collected) -> list[str]:
     """What differs between two runs of one scenario that must be the same."""
-    period_ns = first.scenario.clock.control_period_ns
-    found = first_difference(first.samples, second.samples, period_ns) or first_difference(
-        first.sorted_link_rows, second.sorted_link_rows, period_ns
-    )
-    problems = [] if found is None else [f"not deterministic: first at {found}"]
-    if (moved := other_extremes(first.motion, second.motion)) is not None:
-        problems.append(f"not deterministic: motion, {moved}")
-    refused = [verdict.rejections(run) for run in (first, second)]
+    problems = [f"not deterministic: {what}" for what in differences(first, second).in_words]
+    refused = [rejections(run.events) for run in (first, second)]
     if refused[0] != refused[1]:
         problems.append(f"not deterministic: rejected messages {refused[0]} and {refused[1]}")
     return problems
 
 
-def _not_recovered(judged: dict[str, Any]) -> list[str]:
+def _not_recovered(judged: Verdict) -> list[str]:
     return [
-        f"does not converge after the healing, {claim}: "
-        f"{entry['largest_in_window']} in the last {judged['window_s']:g} s, "
-        f"tolerance {entry['tolerance']:g}"
-        for claim, entry in judged["claims"].items()
-        if claim in CLAIMS and entry["expected"] and not entry["observed"]
+        f"does not converge after the healing, {name}: "
+        f"{claim.largest_in_window} in the last {judged.window_s:g} s, "
+        f"tolerance {claim.tolerance:g}"
+        for name, claim in judged.claims.items()
+        if name in ERRORS and claim.expected and not claim.observed
     ]

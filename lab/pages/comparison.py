@@ -2,23 +2,24 @@
 
 import csv
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from formnet.formation.scenario.expect import Expect
+from formnet.formation.scenario.expect import CRITERIA, Expect
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes, save
 from formnet.lab.judge import claim_words
-from formnet.lab.judge.verdict import by_claim, error_series, settled, standing, tolerances_of
+from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs import files
-from formnet.lab.runs.difference import first_difference, other_extremes
+from formnet.lab.runs.difference import differences
 from formnet.lab.runs.keypaths import by_path, shown
-from formnet.lab.runs.recorded import Recorded
-from formnet.lab.runs.words import motion_told
 from formnet.lab.text.side_by_side import MOST_COLUMNS, Rows, turned
+from formnet.lab.verdict.claims import Judgement
+from formnet.lab.verdict.model import Verdict
+from formnet.lab.verdict.recorded import Recorded
 
 MOST_RUNS = 2 * len(COLOURS)
 """How many runs can be told apart in the figure: by colour, and by dashes."""
@@ -38,36 +39,35 @@ class Comparison(NamedTuple):
 def comparison(found: Sequence[Recorded]) -> Comparison:
     """What tells whole runs apart."""
     names = _names([run.folder for run in found])
-    verdicts = [run.verdict or {} for run in found]
+    verdicts = [run.verdict for run in found if run.verdict is not None]
     scenarios = [run.scenario for run in found]
-    said = [claim_words.told(v) for v in verdicts]
-    titles, units = claim_words.titles(*scenarios), claim_words.UNITS
-    results = [
-        ("verdict", [standing(v) for v in verdicts]),
-        ("outcome", [v["outcome"]["kind"] for v in verdicts]),
+    titles = claim_words.titles(*scenarios)
+    results: list[tuple[str, list[str]]] = [
+        ("verdict", [v.standing for v in verdicts]),
+        ("outcome", [v.outcome.kind for v in verdicts]),
         *(
-            (title, [_claim(units[claim], v["claims"].get(claim)) for v in verdicts])
+            (title, [_claim(CRITERIA[claim].unit, v.claims[claim]) for v in verdicts])
             for claim, title in titles.items()
-            if any(claim in told for told in said)
+            if any(claim in v.told for v in verdicts)
         ),
-        ("settled after", [settled(v) for v in verdicts]),
+        ("settled after", [v.settled for v in verdicts]),
         *(
-            (f"at the end: {label}", [_number(v[claim_words.ENDS[claim]]) for v in verdicts])
+            (f"at the end: {label}", [_number(v.error(claim)) for v in verdicts])
             for claim, label in claim_words.labels(*scenarios).items()
         ),
         *_motions(verdicts),
         ("messages lost", [_lost(v) for v in verdicts]),
-        ("robots lost unplanned", [str(len(v["robots"]["lost"])) for v in verdicts]),
-        ("simulated (s)", [_number(v["simulated_s"], "g") for v in verdicts]),
-        ("took (s)", [_number(v["wall_s"], ".2f") for v in verdicts]),
+        ("robots lost unplanned", [str(len(v.robots.lost)) for v in verdicts]),
+        ("simulated (s)", [_number(v.simulated_s, "g") for v in verdicts]),
+        ("took (s)", [_number(v.wall_s, ".2f") for v in verdicts]),
         (
             "mode",
             [
-                f"{v['mode']}, {run.scenario.clock.mode}"
+                f"{v.mode}, {run.scenario.clock.mode}"
                 for v, run in zip(verdicts, found, strict=True)
             ],
         ),
-        ("sha256", [v["trajectory_sha256"][:12] for v in verdicts]),
+        ("sha256", [v.trajectory_sha256[:12] for v in verdicts]),
     ]
     beside = [_beside(found[0], run) for run in found[1:]]
     results.append((f"beside {names[0]}", ["–", *(words for words, _ in beside)]))
@@ -89,7 +89,7 @@ def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
             continue
         up = run.up_at(int(trajectories.t_ns[-1]))
         series = by_claim(error_series(run.scenario, trajectories, up))
-        tolerances = tolerances_of(run.scenario.expect or Expect())
+        tolerances = (run.scenario.expect or Expect()).tolerances
         width = 1.2 + 1.8 * (1 - (number + 1) / count)  # what is the same still shows
         for axes, (claim, errors) in zip(panels, series.items(), strict=True):
             axes.semilogy(
@@ -114,20 +114,13 @@ def _beside(first: Recorded, other: Recorded) -> tuple[str, bool]:
     """Whether a run has the bits of the first, and whether it should but has not."""
     if _deciding(first) != _deciding(other):
         return "another scenario", False
-    period_ns = first.scenario.clock.control_period_ns
-    found = first_difference(first.samples, other.samples, period_ns)
-    found = found or first_difference(first.link_rows, other.link_rows, period_ns)
-    parted = None if found is None else f"first at {found}"
-    parted = parted or other_extremes(first.motion, other.motion)
-    if parted is None:
+    found = differences(first, other)
+    if found.identical:
         return "identical", False
     repeatable = first.scenario.clock.mode == "lockstep" and all(
-        run.verdict is not None
-        and not run.verdict["robots"]["lost"]
-        and run.verdict["outcome"]["kind"] in ("completed", "diverged")
-        for run in (first, other)
+        run.verdict is not None and run.verdict.unplanned_s is None for run in (first, other)
     )
-    return f"differs, {parted}", repeatable
+    return f"differs, {found.in_words[0]}", repeatable
 
 
 def _deciding(run: Recorded) -> dict[str, Any]:
@@ -154,27 +147,23 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return short if len(set(short)) == len(short) else [str(folder) for folder in folders]
 
 
-def _claim(unit: str, claim: Mapping[str, Any] | None) -> str:
-    if claim is None:
-        return "–"
-    unjudged = "not claimed" if claim["expected"] is None else "not judged"
-    holds = {True: "holds", False: "FAILS", None: unjudged}[claim["holds"]]
-    holds += " (claimed: false)" if claim["expected"] is False else ""
-    largest = claim["largest_in_window"]
+def _claim(unit: str, claim: Judgement) -> str:
+    unjudged = "not claimed" if claim.expected is None else "not judged"
+    holds = {True: "holds", False: "FAILS", None: unjudged}[claim.holds]
+    holds += " (claimed: false)" if claim.expected is False else ""
+    largest = claim.largest_in_window
     return holds if largest is None else f"{holds}, {largest:.1e} {unit}".strip()
 
 
-def _motions(verdicts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
+def _motions(verdicts: Sequence[Verdict]) -> Iterator[tuple[str, list[str]]]:
     """A row for each extreme of the motion that any run has."""
-    told = [motion_told(judged) for judged in verdicts]
+    told: list[dict[str, str]] = [{} if v.motion is None else v.motion.told for v in verdicts]
     for title in dict.fromkeys(title for one in told for title in one):
         yield title, [one.get(title, "–") for one in told]
 
 
-def _lost(judged: Mapping[str, Any]) -> str:
-    fates = judged["messages"]["fates"]
-    lost = sum(count for fate, count in fates.items() if fate.startswith("lost"))
-    return f"{lost} of {judged['messages']['sent']}"
+def _lost(judged: Verdict) -> str:
+    return f"{judged.messages.lost} of {judged.messages.sent}"
 
 
 def _number(value: float | None, form: str = ".2e") -> str:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formnet.formation.wire.record import Outcome
-from formnet.lab.judge import verdict
-from formnet.lab.judge.verdict import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 from formnet.lab.runs.files import as_text
-from formnet.lab.runs.recorded import Unreadable, event_lines, read_verdict
 from formnet.lab.runs.recording import being_written
+from formnet.lab.verdict.files import Unreadable, read
+from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED, Verdict
+from formnet.lab.verdict.recorded import event_lines
 
 RUNNING, NO_END = "running", "did not end"
 BAD = {FAILS, NOT_JUDGED, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
@@ -88,17 +88,17 @@ def look_at(folder: Path) -> Entry | None:
     return None
 
 
-def standing(judged: Mapping[str, Any] | None, outcome: Outcome | None, *, running: bool) -> str:
+def standing(judged: Verdict | None, outcome: Outcome | None, *, running: bool) -> str:
     """How a run stands in a word: as it was judged, or else how it ended."""
     if judged is None:
         return RUNNING if running else NO_END if outcome is None else outcome.kind
-    return verdict.standing(judged)
+    return judged.standing
 
 
 def _run(folder: Path) -> Entry:
     running, when = being_written(folder), _began(folder)
     try:
-        judged = read_verdict(folder)
+        judged = read(folder)
     except Unreadable as error:
         missing = not (folder / "verdict.json").exists()
         how = standing(None, None, running=running) if missing else "unreadable"
@@ -114,21 +114,21 @@ def _run(folder: Path) -> Entry:
     return Entry(
         folder,
         "run",
-        str(judged["scenario"]),
+        judged.scenario,
         when,
-        verdict.standing(judged),
-        verdict.claimed(judged),
-        judged["settling_time_s"],
-        judged["outcome"]["t_s"],
-        str(judged["mode"]),
-        str(judged["trajectory_sha256"]),
+        judged.standing,
+        judged.claimed,
+        judged.settling_time_s,
+        judged.outcome.t_s,
+        judged.mode,
+        judged.trajectory_sha256,
         _lost(judged),
-        verdict.settled(judged),
+        judged.settled,
     )
 
 
-def _lost(judged: Mapping[str, Any]) -> str:
-    robots = [str(item["robot"]) for item in judged["robots"]["lost"]]
+def _lost(judged: Verdict) -> str:
+    robots = [str(item.robot) for item in judged.robots.lost]
     return f"lost robot {', '.join(robots)}" if robots else ""
 
 

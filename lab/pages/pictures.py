@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.judge import claim_words
-from formnet.lab.runs.recorded import Recorded
+from formnet.lab.verdict.recorded import Recorded
 
 _TITLES = {
     "errors": "",  # what errors are called depends on the law
@@ -48,9 +49,9 @@ def _in_words(name: str, run: Recorded) -> str:
     if name == "errors" and judged is not None:
         titles = claim_words.titles(scenario)
         ends = ", ".join(
-            f"{titles[claim]} {value:.1e} {claim_words.UNITS[claim]}"
-            for claim, key in claim_words.ENDS.items()
-            if (value := judged[key]) is not None
+            f"{titles[name]} {value:.1e} {error.unit}"
+            for name, error in ERRORS.items()
+            if (value := judged.error(name)) is not None
         )
         return f"Errors over time on a log axis, with their tolerances. At the end: {ends}."
     if name == "graph":

@@ -10,19 +10,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, UndefinedError
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from formnet.formation.paper.theory import assess, of_the_paper
+from formnet.formation.paper.theory import of_the_paper
+from formnet.formation.scenario.expect import CRITERIA, ERRORS, LYAPUNOV, references
 from formnet.formation.scenario.loading import ScenarioError, dumps
 from formnet.formation.wire.record import Event
-from formnet.lab.judge import claim_words, verdict
+from formnet.lab.judge import claim_words
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages.pictures import pictures
 from formnet.lab.runs import files
 from formnet.lab.runs.keypaths import by_path, shown
-from formnet.lab.runs.recorded import Recorded, Unreadable, read_run
-from formnet.lab.runs.words import motion_told, named, times, told
+from formnet.lab.runs.words import named, times, told
 from formnet.lab.text.assessment import describe
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED, Verdict
+from formnet.lab.verdict.recorded import Recorded, read_run
 
 FIRST_EVENTS, LAST_EVENTS = 200, 40
 """How many events the page tells, from either end; all are in events.jsonl."""
@@ -80,15 +83,7 @@ def write_report(folder: Path, *, draw_missing: bool = False) -> Path:
         from formnet.lab.figures import run_figures as figures
 
         figures.draw(run, folder / "figures")
-    try:
-        text = page(run)
-    except (KeyError, TypeError, ValueError, AttributeError, UndefinedError) as error:
-        if run.verdict is None:
-            raise
-        run.verdict = None
-        run.problems.append(f"verdict.json is of another version: {error!r}")
-        text = page(run)
-    files.replace(folder / "report.html", text)
+    files.replace(folder / "report.html", page(run))
     return folder / "report.html"
 
 
@@ -124,8 +119,9 @@ def page(run: Recorded) -> str:
             headline=_headline(run, standing),
             notes=list(_notes(run)),
             titles=claim_words.titles(scenario),
-            units=claim_words.UNITS,
-            settled=None if judged is None else verdict.settled(judged),
+            criteria=CRITERIA,
+            equations=references(),
+            settled=None if judged is None else judged.settled,
             began=run.walls[0] if run.walls else None,
             in_runs=_in_runs(run.folder),
             sections=_sections(run, [item.name for item in drawn]),
@@ -136,10 +132,10 @@ def page(run: Recorded) -> str:
             window_s=None if judged is None else _window_s(judged),
             lost_share=_lost_share(judged),
             most_links=MOST_LINKS,
-            motion=motion_told(judged),
-            in_flight=sum(link["in_flight"] for link in (judged or {}).get("links", ())),
+            motion={} if judged is None or judged.motion is None else judged.motion.told,
+            in_flight=0 if judged is None else sum(link.in_flight for link in judged.links),
             of_the_paper=of_the_paper(scenario),
-            claims={} if judged is None else claim_words.told(judged),
+            claims={} if judged is None else judged.told,
             theory=[line.strip() for line in describe(scenario)],
             changed=_changed(run),
             robots=_robots(run),
@@ -193,7 +189,7 @@ def _sections(run: Recorded, pictures: Sequence[str]) -> dict[str, str]:
         "events": "What happened",
         "paths": "Paths" if "paths" in pictures else "",
         "links": "Links" if judged is not None else "",
-        "timing": "Real time" if judged is not None and judged["realtime"] else "",
+        "timing": "Real time" if judged is not None and judged.realtime else "",
         "scenario": "Scenario",
         "repeat": "Repeat it",
     }
@@ -209,39 +205,39 @@ def _headline(run: Recorded, standing: str) -> str:
         if run.outcome is None:
             return "It was ended from outside, for an unknown reason; nothing was judged."
         return f"It was not judged. {run.outcome.reason}".strip()
-    outcome, titles = judged["outcome"], claim_words.titles(run.scenario)
-    if standing == verdict.HOLDS:
-        held = [titles[name] for name, c in judged["claims"].items() if c["holds"]]
-        also = ", and it diverged as expected" if outcome["kind"] == "diverged" else ""
+    outcome, titles = judged.outcome, claim_words.titles(run.scenario)
+    if standing == HOLDS:
+        held = [titles[name] for name, c in judged.claims.items() if c.holds]
+        also = ", and it diverged as expected" if outcome.kind == "diverged" else ""
         return f"Every claim holds: {', '.join(held)}{also}."
-    if standing in (verdict.FAILS, verdict.NOT_JUDGED):
+    if standing in (FAILS, NOT_JUDGED):
         said = "; ".join(_failing(judged, titles))
         return f"{claim_words.capital(said)}."
-    if standing == verdict.OBSERVED:
-        seen = [titles[name] for name, c in judged["claims"].items() if c["observed"]]
-        return f"Nothing was claimed. Observed: {', '.join(seen) or claim_words.NOTHING}."
-    if standing == "lost" and outcome["kind"] == "completed":
-        who = named([item["robot"] for item in judged["robots"]["lost"]])
+    if standing == OBSERVED:
+        seen = [titles[name] for name, c in judged.claims.items() if c.observed]
+        return f"Nothing was claimed. Observed: {', '.join(seen) or claim_words.nothing()}."
+    if standing == "lost" and outcome.kind == "completed":
+        who = named([item.robot for item in judged.robots.lost])
         return f"Nothing was claimed, and not every robot survived: it lost {who}."
-    who = "" if outcome["robot"] is None else f", robot {outcome['robot']}"
-    reason = outcome["reason"].rstrip(".") or "no reason is known"
-    return f"The run {_ENDED[outcome['kind']]} at t = {outcome['t_s']:.3f} s{who}: {reason}."
+    who = "" if outcome.robot is None else f", robot {outcome.robot}"
+    reason = outcome.reason.rstrip(".") or "no reason is known"
+    return f"The run {_ENDED[outcome.kind]} at t = {outcome.t_s:.3f} s{who}: {reason}."
 
 
-def _failing(judged: Mapping[str, Any], titles: Mapping[str, str]) -> Iterator[str]:
-    for name, claim in judged["claims"].items():
-        if claim["expected"] is None or claim["holds"]:
+def _failing(judged: Verdict, titles: Mapping[str, str]) -> Iterator[str]:
+    for name, claim in judged.claims.items():
+        if claim.expected is None or claim.holds:
             continue
-        title, unit = titles[name], claim_words.UNITS[name]
-        if claim["holds"] is None:
+        title, unit = titles[name], CRITERIA[name].unit
+        if claim.holds is None:
             yield f"{title} could not be judged"
-        elif not claim["expected"]:
+        elif not claim.expected:
             yield f"{title} holds, and should not"
-        elif claim["largest_in_window"] is None:
+        elif claim.largest_in_window is None:
             yield f"{title} does not hold"
         else:
-            largest, tolerance = claim["largest_in_window"], claim["tolerance"]
-            when = "" if name == "lyapunov" else f" in the last {_window_s(judged):g} s"
+            largest, tolerance = claim.largest_in_window, claim.tolerance
+            when = "" if name == LYAPUNOV.name else f" in the last {_window_s(judged):g} s"
             yield (
                 f"{title} does not hold: {largest:.2g} {unit}{when}, tolerance {tolerance:g} {unit}"
             )
@@ -253,38 +249,38 @@ def _notes(run: Recorded) -> Iterator[str]:
     judged = run.verdict
     if judged is None:
         return
-    if not judged["robots"]["judged"]:
+    if not judged.robots.judged:
         yield "Nothing is judged: every robot was down at the end."
-    elif down := judged["robots"]["down_at_the_end"]:
+    elif down := judged.robots.down_at_the_end:
         yield f"Not judged: {named(down)}, down at the end."
-    for lost in judged["robots"]["lost"]:
-        yield f"Robot {lost['robot']} was lost at t = {lost['t_s']:.3f} s: {lost['reason']}"
-    if (rises := verdict.rises_in_words(judged)) is not None:
+    for lost in judged.robots.lost:
+        yield f"Robot {lost.robot} was lost at t = {lost.t_s:.3f} s: {lost.reason}"
+    if (rises := judged.rises_in_words) is not None:
         yield rises
-    refused = sum(item["times"] for item in judged["messages"]["rejected"])
+    refused = sum(item.times for item in judged.messages.rejected)
     if refused:
         yield f"Messages rejected: {refused}; see below."
-    for item in judged["messages"].get("refused", ()):  # not in older runs
-        yield f"the holder of {item['who']}'s certificate was denied {item['key']}"
+    for item in judged.messages.refused:
+        yield f"the holder of {item.who}'s certificate was denied {item.key}"
     if _falling(judged):
         yield (
             "The errors that fail were still decreasing at the end: a longer run may help "
             "(--set duration_s=…)."
         )
-    yield from judged.get("warnings", assess(run.scenario).warnings)  # not in older runs
+    yield from judged.warnings
 
 
-def _window_s(judged: Mapping[str, Any]) -> float:
+def _window_s(judged: Verdict) -> float:
     """The stretch that was judged: a run may have been shorter."""
-    return float(min(judged["window_s"], judged["simulated_s"]))
+    return min(judged.window_s, judged.simulated_s)
 
 
-def _falling(judged: Mapping[str, Any]) -> bool:
+def _falling(judged: Verdict) -> bool:
     """Whether all errors that should have been small were well below their largest at the end."""
     failing = [
-        (judged[claim_words.ENDS[name]], claim["largest_in_window"])
-        for name, claim in judged["claims"].items()
-        if claim["expected"] and claim["holds"] is False and name in claim_words.ENDS
+        (judged.error(name), claim.largest_in_window)
+        for name, claim in judged.claims.items()
+        if claim.expected and claim.holds is False and name in ERRORS
     ]
     return bool(failing) and all(
         last is not None and largest is not None and last < 0.9 * largest
@@ -295,7 +291,7 @@ def _falling(judged: Mapping[str, Any]) -> bool:
 def _moments(run: Recorded) -> Iterator[Moment]:
     """The events in order of time, and when the errors settled among them."""
     found = [_moment(event) for event in run.events if event.kind != "timing"]
-    settled = None if run.verdict is None else run.verdict["settling_time_s"]
+    settled = None if run.verdict is None else run.verdict.settling_time_s
     if settled is not None:
         found.append(
             Moment(settled, "settled", "errors stay within their tolerances from here on", "good")
@@ -329,11 +325,11 @@ def _moment(event: Event) -> Moment:
     return Moment(event.t_ns / 1e9, event.kind, words, "bad" if bad else "")
 
 
-def _lost_share(judged: Mapping[str, Any] | None) -> float | None:
+def _lost_share(judged: Verdict | None) -> float | None:
     """The share of all copies of messages that were lost; None without messages."""
-    fates = {} if judged is None else judged["messages"]["fates"]
-    lost = sum(count for fate, count in fates.items() if fate.startswith("lost"))
-    return lost / sum(fates.values()) if fates else None
+    if judged is None or not judged.messages.fates:
+        return None
+    return judged.messages.lost / judged.messages.copies
 
 
 def _changed(run: Recorded) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """What this checkout or install was built into."""
 
+import platform
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +41,21 @@ def _modules() -> list[Path]:
     return [
         built for name in _PACKAGES for kind in kinds for built in (_ROOT / name).rglob(f"*.{kind}")
     ]
+
+
+def versions() -> dict[str, str | bool]:
+    """What a run is made with; ``compiled`` says whether the install had a C compiler."""
+    found: dict[str, str | bool] = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "compiled": compiled(),
+    }
+    for package in ("formnet", "eclipse-zenoh", "numpy", "msgpack"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # run from a checkout that is not installed
+            found[package] = "unknown"
+    return found
 
 
 def install(extra: str) -> str:

@@ -1,10 +1,12 @@
-"""Where two records of a run part."""
+"""Where two records of a run part: samples first, then messages, then extremes of the motion."""
 
 from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
 from formnet.formation.wire.record import LinkRow, Sample
+from formnet.lab.runs.recording import Collected
+from formnet.netem.settings.timeline import NEVER
 
 
 class Difference(NamedTuple):
@@ -23,6 +25,47 @@ class Difference(NamedTuple):
             f"t = {self.t_ns / 1e9:.9g} s (tick {self.tick}), {self.whose}, {self.what}: "
             f"{_words(self.first)} and {_words(self.second)}"
         )
+
+
+class Differences(NamedTuple):
+    """How two records of a run compare.
+
+    ``first`` is where samples or messages differ first, ``motion`` the first extreme that
+    differs, in words; None where every bit is the same.
+    """
+
+    first: Difference | None
+    motion: str | None
+
+    @property
+    def identical(self) -> bool:
+        """Whether nothing differs."""
+        return self.first is None and self.motion is None
+
+    @property
+    def in_words(self) -> list[str]:
+        """What differs, in words."""
+        found = [] if self.first is None else [f"first at {self.first}"]
+        return found if self.motion is None else [*found, f"motion, {self.motion}"]
+
+
+def differences(first: Collected, second: Collected, until_ns: int = NEVER) -> Differences:
+    """Compare the samples before ``until_ns`` (ns); of whole runs (NEVER) all that is recorded."""
+    period_ns = first.scenario.clock.control_period_ns
+    found = first_difference(
+        before(first.samples, until_ns), before(second.samples, until_ns), period_ns
+    )
+    if until_ns != NEVER:  # what becomes of messages depends on what comes after
+        return Differences(found, None)
+    found = found or first_difference(first.sorted_link_rows, second.sorted_link_rows, period_ns)
+    return Differences(found, other_extremes(first.motion, second.motion))
+
+
+def before(samples: Sequence[Sample], until_ns: int) -> Sequence[Sample]:
+    """The samples of instants before ``until_ns`` (ns)."""
+    return (
+        samples if until_ns == NEVER else [sample for sample in samples if sample.t_ns < until_ns]
+    )
 
 
 def first_difference(

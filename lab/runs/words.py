@@ -17,11 +17,6 @@ def told(kind: str, details: Mapping[str, Any]) -> str:
     )
 
 
-def motion_told(judged: Mapping[str, Any] | None) -> dict[str, str]:
-    """The extremes of the motion in a verdict; none without one, or in one of an older run."""
-    return extremes_told((judged or {}).get("motion") or {})
-
-
 def extremes_told(details: Mapping[str, Any]) -> dict[str, str]:
     """The extremes of a motion, each in words, by what it is of; without those there are not.
 

@@ -1,1 +1,1 @@
-"""Scenarios that come along, new ones, and their format for editors and readers."""
+"""Scenarios that come along, and new ones."""

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formnet.formation.paper.graph import laplacian
+from formnet.formation.scenario.expect import ERRORS, HEADING
 from formnet.formation.scenario.loading import ScenarioError, loads
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.forecast.stiffness import MARGIN, course, longest_period_s
 from formnet.lab.runs import files
-from formnet.lab.scenarios import schema
+from formnet.lab.schemas import scenario as schema
 from formnet.netem.files.csv_file import Numbers, first_of, read_numbers
 from formnet.netem.files.problems import nearest
 from formnet.netem.settings.links import LinkSettings
@@ -252,7 +253,11 @@ def _values(wish: Wish, offsets: list[Pair], edges: list[Edge]) -> dict[str, Any
         "mass_kg": MASS_KG,
         "mass_estimate_kg": MASS_ESTIMATE_KG,
         "tables": "\n".join(tables),
+        "claims": "\n".join(
+            f"{row.name} = true  # {row.reference}: {row.says}" for row in ERRORS.values()
+        ),
         "tolerance_m": tolerance_m,
+        "heading_tolerance_rad": HEADING.tolerance,
         "centroid_tolerance_m": _digits(4.0 * tolerance_m, 2),
     }
 
@@ -357,10 +362,8 @@ wheel_radius_m = 0.1
 # centroid converges; only as many robots have it as the graph needs.
 {tables}
 [expect]  # what the run is judged by; optional
-formation = true  # Eq. 3: the pattern
-heading = true  # Eq. 4: equal headings
-centroid = true  # Eq. 5: the pattern's centroid
+{claims}
 formation_tolerance_m = {tolerance_m}
-heading_tolerance_rad = 0.02
+heading_tolerance_rad = {heading_tolerance_rad}
 centroid_tolerance_m = {centroid_tolerance_m}
 """

@@ -29,9 +29,9 @@ from mcap.writer import Writer
 from formnet.formation.wire.record import LinkRow, Sample
 from formnet.lab.figures.canvas import SCREEN_COLOURS, colours
 from formnet.lab.judge import lyapunov
-from formnet.lab.judge.verdict import error_series
-from formnet.lab.judge.verdict import versions as made_with
-from formnet.lab.runs.recorded import Recorded
+from formnet.lab.judge.errors import error_series
+from formnet.lab.runs.build import versions
+from formnet.lab.verdict.recorded import Recorded
 
 _WORLD = "world"
 _SCENE_EVERY_NS = 40_000_000
@@ -66,8 +66,8 @@ def write(run: Recorded, stream: IO[bytes]) -> None:
         {
             "scenario": run.scenario.name,
             "seed": str(run.scenario.seed),
-            "sha256": "" if run.verdict is None else str(run.verdict["trajectory_sha256"]),
-            "formnet": str(made_with()["formnet"]),
+            "sha256": "" if run.verdict is None else run.verdict.trajectory_sha256,
+            "formnet": str(versions()["formnet"]),
         },
     )
     schemas: dict[str, int] = {}

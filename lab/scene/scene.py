@@ -16,12 +16,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from formnet.formation.paper.geometry import errors, fitted_rotation, rotated
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.record import Event, LinkRows, Outcome, Record, Sample, Samples
 from formnet.lab.figures import presence
 from formnet.lab.figures.canvas import bows
-from formnet.lab.judge.claim_words import UNITS
 from formnet.lab.runs.words import told
 from formnet.lab.scene.blueprint import blueprint, half_width, scale_bar
 from formnet.lab.scene.colours import GREY, rgba
@@ -159,9 +158,9 @@ class Scene:
             ),
             static=True,
         )
-        for name, colour in zip(CLAIMS, rgba(len(CLAIMS)), strict=True):
-            line = rr.SeriesLines(names=[f"log10 {name} ({UNITS[name]})"], colors=[int(colour)])
-            stream.log(f"errors/{name}", line, static=True)
+        for row, colour in zip(ERRORS.values(), rgba(len(ERRORS)), strict=True):
+            line = rr.SeriesLines(names=[f"log10 {row.name} ({row.unit})"], colors=[int(colour)])
+            stream.log(f"errors/{row.name}", line, static=True)
         stream.log("lyapunov/v", rr.SeriesLines(names=["log10 V"]), static=True)
 
     def _times(self, t_ns: Array) -> list[rr.TimeColumn]:
@@ -247,7 +246,7 @@ class Scene:
                 found[rows] = np.stack(errors(here, headings[rows][:, who], its), axis=-1)
                 turned = rotated(offsets - its.mean(axis=0), fitted_rotation(here, its))
                 pattern[rows] = turned + here.mean(axis=1, keepdims=True)
-        for name, column in zip(CLAIMS, found.T, strict=True):
+        for name, column in zip(ERRORS, found.T, strict=True):
             known = np.isfinite(column)
             if known.any():
                 logs = np.log10(np.maximum(column[known], _FLOOR))

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from formnet.formation.wire.record import Event, Record
-from formnet.lab.judge import verdict
+from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs.recording import Recording
 from formnet.lab.runs.words import named, times
 
@@ -124,10 +124,10 @@ class Watch:
             return
         t_s = float(latest.t_s[-1])
         up = self._recording.up_at(int(latest.t_ns[-1]))
-        found = verdict.error_series(self._recording.scenario, latest, up)
+        found = error_series(self._recording.scenario, latest, up)
         speed = t_s / max(self.wall_s, 1e-9)
         errors = " ".join(
-            f"{claim} {series[-1]:.1e}" for claim, series in verdict.by_claim(found).items() if up
+            f"{claim} {series[-1]:.1e}" for claim, series in by_claim(found).items() if up
         )
         self._progress.update(
             self._task, completed=t_s, description=f"t = {t_s:.1f} s  {times(speed)}  {errors}"

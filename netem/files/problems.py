@@ -30,9 +30,12 @@ class Problem(NamedTuple):
         return f"{self.place}{value}: {self.rule}" if self.place else self.rule
 
 
-def problems(model: type[BaseModel], data: Any, error: ValidationError) -> list[Problem]:
-    """Everything that ``error`` says about ``data``, which should have been a ``model``."""
-    return [_problem(model, data, item["loc"], item["type"], item) for item in error.errors()]
+def problems(
+    model: type[BaseModel], data: Any, error: ValidationError, most: int | None = None
+) -> list[Problem]:
+    """What ``error`` says about ``data``, which should have been a ``model``; ``most`` of it."""
+    found = error.errors()[:most]
+    return [_problem(model, data, item["loc"], item["type"], item) for item in found]
 
 
 _RULES = {

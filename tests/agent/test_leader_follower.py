@@ -14,9 +14,9 @@ from formnet.formation.briefing.situation import BodyEstimate, Situation
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.loading import ScenarioError, load
 from formnet.formation.wire.state import Stamped, State
-from formnet.lab.judge import verdict
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
+from formnet.lab.verdict.model import judge
 from formnet.plant.body import steered
 
 OFFSETS = {1: (0.0, 0.0), 2: (-3.0, 2.0), 3: (-3.0, -2.0)}
@@ -156,7 +156,7 @@ def test_it_fails_with_its_leaders_and_not_with_a_leaf(root, robot, at_s, holds)
     plan = [] if robot is None else [f'timeline=[{{at_s={at_s}, action="kill", robots={robot}}}]']
     recording = Collected(scenario(root, *plan))
     Inline().run(resolve(recording.scenario), recording)
-    judged = verdict.of(recording, mode="inline", wall_s=1.0)
-    assert judged["outcome"]["kind"] == "completed"
-    assert judged["claims"]["formation"]["observed"] is holds
-    assert judged["lyapunov"] is None
+    judged = judge(recording, mode="inline", wall_s=1.0)
+    assert judged.outcome.kind == "completed"
+    assert judged.claims["formation"].observed is holds
+    assert judged.lyapunov is None

@@ -23,8 +23,9 @@ from conftest import missing
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
-from formnet.lab.runs.recorded import event_lines, read_verdict
 from formnet.lab.runs.recording import LINKS, STATES
+from formnet.lab.verdict.files import read as read_verdict
+from formnet.lab.verdict.recorded import event_lines
 
 pytestmark = pytest.mark.processes
 
@@ -275,7 +276,7 @@ def test_a_hang_up_ends_a_run_in_order(tmp_path):
     assert process.wait(30) == INTERRUPTED, text
     sound(text)
     assert {STATES, LINKS, "verdict.json"} <= readable(out)
-    assert read_verdict(out)["outcome"]["kind"] == "interrupted"
+    assert read_verdict(out).outcome.kind == "interrupted"
 
 
 def test_a_hang_up_is_nothing_to_what_nohup_started(tmp_path):
@@ -307,7 +308,7 @@ def test_a_hang_up_is_nothing_to_what_nohup_started(tmp_path):
     process.send_signal(signal.SIGHUP)
     process.communicate(timeout=60)
     assert process.returncode == ALL_HOLD
-    assert read_verdict(out)["outcome"]["kind"] == "completed"
+    assert read_verdict(out).outcome.kind == "completed"
 
 
 def test_ctrl_c_at_any_early_moment_is_130_without_a_traceback(tmp_path):
@@ -438,11 +439,11 @@ def test_parallel_starts_into_one_folder_leave_one_run(tmp_path):
     assert len(winners) == 1, codes
     assert set(codes.values()) == {ALL_HOLD, BAD_INPUT}
     judged = read_verdict(out)
-    assert judged["seed"] == load(out / "scenario.toml").seed == winners[0]
+    assert judged.seed == load(out / "scenario.toml").seed == winners[0]
     again = said([*command, f"seed={winners[0]}", "--out", tmp_path / "alone"], tmp_path)
     assert again[0] == ALL_HOLD
     alone = json.loads((tmp_path / "alone" / "verdict.json").read_text())
-    assert alone["trajectory_sha256"] == judged["trajectory_sha256"]
+    assert alone["trajectory_sha256"] == judged.trajectory_sha256
 
 
 def test_default_names_do_not_collide_within_a_second(tmp_path):

@@ -16,7 +16,6 @@ from formnet.formation.paper.graph import laplacian
 from formnet.formation.scenario.loading import load, loads
 from formnet.lab.cli import main
 from formnet.lab.forecast.stiffness import warnings
-from formnet.lab.judge import verdict
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.new import (
@@ -28,7 +27,8 @@ from formnet.lab.scenarios.new import (
     graph_edges,
     scenario_text,
 )
-from formnet.lab.scenarios.schema import FILE, scenario_schema, text
+from formnet.lab.schemas.scenario import FILE, scenario_schema, text
+from formnet.lab.verdict.model import judge
 from formnet.netem.settings.presets import PRESETS
 
 GRAPHS = ("ring", "path", "complete", "star", "random")
@@ -86,11 +86,11 @@ RUNS = [
 def test_a_run_holds_what_it_claims(wish):
     collected = Collected(loads(scenario_text(wish)))
     Inline().run(resolve(collected.scenario), collected)
-    judged = verdict.of(collected, mode="inline", wall_s=1.0)
-    assert [judged["claims"][claim]["holds"] for claim in ("formation", "heading", "centroid")] == [
+    judged = judge(collected, mode="inline", wall_s=1.0)
+    assert [judged.claims[claim].holds for claim in ("formation", "heading", "centroid")] == [
         True
     ] * 3
-    assert verdict.passed(judged)
+    assert judged.passed
 
 
 def test_same_wish_same_text_and_another_seed_another_start():

@@ -10,7 +10,7 @@ from fuzzing import fuzz
 
 from formnet.formation.paper.theory import assess
 from formnet.formation.scenario.loading import ScenarioError, loads
-from formnet.lab.scenarios.schema import scenario_schema
+from formnet.lab.schemas.scenario import scenario_schema
 
 
 def test_no_broken_message_escapes_a_decoder():

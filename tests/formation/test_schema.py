@@ -13,8 +13,9 @@ from pydantic import ValidationError
 
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.cli import main
-from formnet.lab.scenarios.reference import reference
-from formnet.lab.scenarios.schema import FILE, UNITS, markdown, scenario_schema
+from formnet.lab.schemas.common import UNITS, markdown
+from formnet.lab.schemas.scenario import FILE, scenario_schema
+from formnet.lab.schemas.scenario_page import reference
 
 SCHEMA = scenario_schema()
 CHECK = jsonschema.Draft202012Validator(SCHEMA)

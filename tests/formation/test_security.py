@@ -24,12 +24,12 @@ from formnet.formation.wire import bus
 from formnet.formation.wire.record import Event, Samples, read
 from formnet.formation.wire.security import MONITOR, PLANT, Credentials, KeysError, robot_name
 from formnet.lab.cli import main
-from formnet.lab.judge import verdict
 from formnet.lab.launch.launch import Launch, Place, free_port
 from formnet.lab.launch.refusals import MANY
 from formnet.lab.machines import keys
 from formnet.lab.runs.recording import Recording, trajectory_sha256
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.verdict.model import judge
 
 PATIENCE_S = 1.0
 
@@ -467,7 +467,10 @@ def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
     recording.save()
     assert outcome.kind == "completed"
     assert told() == lies
-    listed = verdict.of(recording, mode="distributed", wall_s=1.0)["messages"]["refused"]
+    listed = [
+        item.model_dump()
+        for item in judge(recording, mode="distributed", wall_s=1.0).messages.refused
+    ]
     assert {(item["who"], item["key"]) for item in listed} == lies
     assert {item["times"] for item in listed if item["key"] in often} == {MANY}
     assert "access_control" not in (out / "logs" / "plant.log").read_text()

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from formnet.formation.paper.theory import CLAIMS, assess
+from formnet.formation.paper.theory import assess
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.loading import load
 
 UNIFORM = 'network.default.delay={distribution="uniform", low_s=0.05, high_s=0.3}'
@@ -295,7 +296,7 @@ def test_an_imperfect_network_hides_nothing_else(paper):
 
 @pytest.mark.parametrize(("name", "overrides", "words"), [*GAPS, *IMPERFECT])
 def test_expecting_nothing_true_claims_nothing(paper, name, overrides, words):
-    denied = [f"expect.{claim}=false" for claim in CLAIMS]
+    denied = [f"expect.{claim}=false" for claim in ERRORS]
     assert assess(paper(name, *overrides, *denied)).warnings == []
 
 
@@ -327,7 +328,7 @@ def test_centroid_expected_without_damping_is_warned_of_beside_a_gap(paper):
 
 
 @pytest.mark.parametrize("name", ["theorem2", "theorem4", "theorem5", "theorem6"])
-@pytest.mark.parametrize("claim", CLAIMS)
+@pytest.mark.parametrize("claim", ERRORS)
 def test_denying_what_the_theorem_claims_is_warned_of(paper, name, claim):
     assessment = assess(paper(name, f"expect.{claim}=false"))
     warning_with(assessment, f"expect.{claim} = false", f"Theorem {name[-1]}")

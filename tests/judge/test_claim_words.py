@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from plugin import install
+from verdicts import made
 
 from formnet.formation.scenario.loading import load
 from formnet.lab.cli import main
 from formnet.lab.figures import run_figures as figures
-from formnet.lab.judge import claim_words, verdict
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages.report import write_report
-from formnet.lab.runs.recorded import read_whole
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.verdict.recorded import read_whole
 
 THE_PAPER = re.compile(r"Eqs?\.|[Tt]heorem|Assumption|V never rises|\bV\b|the theory")
 LAW = """
@@ -117,7 +117,7 @@ def test_check_has_the_graph_alone(ran, monkeypatch):
 def test_what_is_claimed_of_v_is_told_all_the_same(ran, tmp_path):
     folder = Path(shutil.copytree(ran[1], tmp_path / "mine"))
     judged = json.loads((folder / "verdict.json").read_text())
-    assert "lyapunov" not in claim_words.told(judged)
+    assert "lyapunov" not in read_whole(folder).verdict.told
     judged["claims"]["lyapunov"] |= {"expected": True}
     (folder / "verdict.json").write_text(json.dumps(judged))
     assert "V never rises" in told_by(folder)
@@ -174,8 +174,7 @@ def test_runs_of_both_kinds_are_compared_without_equations(ran, of_the_paper, tm
     ],
 )
 def test_when_a_run_settled(kind, judged, at_s, words):
-    found = {"outcome": {"kind": kind}, "robots": {"judged": judged}, "settling_time_s": at_s}
-    assert verdict.settled(found) == words
+    assert made(kind=kind, judged=judged, settling_time_s=at_s).settled == words
 
 
 @pytest.mark.processes

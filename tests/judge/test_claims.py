@@ -10,6 +10,7 @@ import networkx as nx
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
+from verdicts import made
 
 from formnet.agent.law import accepts
 from formnet.formation.briefing.resolving import resolve
@@ -18,12 +19,13 @@ from formnet.lab.claims import figures, report
 from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
-from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row
+from formnet.lab.claims.results import BROKEN, Result, Row
 from formnet.lab.cli import main
 from formnet.lab.commands.many import claims as command
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
 
 CLAIMS = {claim.key: claim for claim in catalogue()}
 SCENARIOS = {
@@ -146,23 +148,11 @@ def result(case, *, kind="completed", lost=(), **observed):
     claims = {
         name: {
             "observed": observed.get(name),
-            "largest_in_window": 0.05 if observed.get(name) else 0.2,
-            "tolerance": 0.1,
+            "largest": 0.05 if observed.get(name) else 0.2,
         }
         for name in (*ALL_HOLD, "lyapunov")
     }
-    outcome = {"kind": kind, "t_s": 3.0, "robot": None, "reason": "why"}
-    return Result(
-        case,
-        {
-            "outcome": outcome,
-            "claims": claims,
-            "settling_time_s": None,
-            "robots": {"lost": list(lost)},
-            "trajectory_sha256": "00",
-        },
-        1.0,
-    )
+    return Result(case, made(kind=kind, lost=lost, claims=claims), 1.0)
 
 
 def row(*results):
@@ -184,7 +174,7 @@ def test_a_row_holds_only_if_every_run_ends_as_it_should():
     assert wrong.verdict == FAILS
     assert wrong.happened == "not as predicted in 1 of 2 runs: apart"
     assert row(result(good, kind="lost", **HOLD)).verdict == BROKEN
-    assert row(result(good, lost=[{"robot": 3}], **HOLD)).verdict == BROKEN
+    assert row(result(good, lost=[3], **HOLD)).verdict == BROKEN
 
 
 def test_a_run_that_should_diverge_must_and_no_other_may():

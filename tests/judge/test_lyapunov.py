@@ -10,10 +10,11 @@ from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.state import Stamped, State
 from formnet.lab.figures import run_figures as figures
-from formnet.lab.judge import lyapunov, verdict
+from formnet.lab.judge import lyapunov
 from formnet.lab.judge.rises import Rise, rises
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
+from formnet.lab.verdict.model import judge
 
 COMPENSATED = 'law.cross_term="compensated"'
 EXACT = (
@@ -150,11 +151,11 @@ def test_v_and_its_rate_are_those_of_the_proofs(paper, name, delay_s):
 @pytest.mark.parametrize("name", ["theorem1", "theorem2", "theorem5"])
 def test_kinematic_v_never_rises(paper, name):
     scenario = paper(name, COMPENSATED, "duration_s=15", "expect.lyapunov=true")
-    judged = verdict.of(ran(scenario), mode="inline", wall_s=1.0)
-    assert judged["lyapunov"]["may_rise_by"] == []
-    assert judged["lyapunov"]["rises"] == []
-    assert judged["claims"]["lyapunov"]["holds"] is True
-    assert judged["lyapunov"]["budget"] < 0.2 * judged["lyapunov"]["initial"]
+    judged = judge(ran(scenario), mode="inline", wall_s=1.0)
+    assert judged.lyapunov.may_rise_by == []
+    assert judged.lyapunov.rises == []
+    assert judged.claims["lyapunov"].holds is True
+    assert judged.lyapunov.budget < 0.2 * judged.lyapunov.initial
 
 
 @pytest.mark.parametrize(
@@ -162,12 +163,12 @@ def test_kinematic_v_never_rises(paper, name):
 )
 def test_dynamic_v_never_rises(paper, name, equation):
     scenario = paper(name, *EXACT, "duration_s=15", "expect.lyapunov=true")
-    judged = verdict.of(ran(scenario), mode="inline", wall_s=1.0)
-    assert judged["lyapunov"]["equation"] == equation
-    assert judged["lyapunov"]["may_rise_by"] == []
-    assert judged["lyapunov"]["rises"] == []
-    assert judged["claims"]["lyapunov"]["holds"] is True
-    assert judged["lyapunov"]["budget"] < judged["lyapunov"]["initial"]
+    judged = judge(ran(scenario), mode="inline", wall_s=1.0)
+    assert judged.lyapunov.equation == equation
+    assert judged.lyapunov.may_rise_by == []
+    assert judged.lyapunov.rises == []
+    assert judged.claims["lyapunov"].holds is True
+    assert judged.lyapunov.budget < judged.lyapunov.initial
 
 
 @pytest.mark.parametrize("delay_s", [0.007, 0.05, 0.3, 1.0])
@@ -239,9 +240,9 @@ def test_a_rise_fails_the_claim_and_is_drawn(paper, tmp_path):
     recording = ran(
         paper("section5-delay", *EXACT, killed, "duration_s=3", "expect={lyapunov=true}")
     )
-    judged = verdict.of(recording, mode="inline", wall_s=1.0)
-    assert judged["claims"]["lyapunov"]["holds"] is False
-    assert not verdict.passed(judged)
+    judged = judge(recording, mode="inline", wall_s=1.0)
+    assert judged.claims["lyapunov"].holds is False
+    assert not judged.passed
     curve, rises = found_in(recording)
     axes = figures.lyapunov(recording, curve).axes[0]
     assert rises

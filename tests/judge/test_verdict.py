@@ -12,16 +12,20 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from verdicts import made
 
 from formnet.formation.briefing.resolving import resolve
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.paper.geometry import Errors
+from formnet.formation.scenario.expect import CRITERIA, ERRORS, Expect
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.messages import Rejected
 from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
-from formnet.lab.judge import verdict
+from formnet.lab.judge.errors import settling_time, window_s
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.folders import RunExists
 from formnet.lab.runs.recording import Recording, trajectory_sha256
+from formnet.lab.verdict import model
+from formnet.lab.verdict.files import text
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -47,8 +51,8 @@ def recorded(folder, scenario, samples, kind="completed", *, t_ns=None, robot=No
 
 def judge(recording, wall_s=2.0):
     """The verdict, which must be JSON without NaN whatever the run was."""
-    judged = verdict.of(recording, mode="inline", wall_s=wall_s)
-    assert json.loads(json.dumps(judged, allow_nan=False)) == judged
+    judged = model.judge(recording, mode="inline", wall_s=wall_s)
+    assert json.loads(text(judged)) == judged.model_dump()
     return judged
 
 
@@ -66,7 +70,7 @@ TOLERANCES = {"formation": 1.0, "heading": 0.5, "centroid": 2.0}
 
 
 def settled(values, claim="formation"):
-    return verdict.settling_time(
+    return settling_time(
         np.arange(len(values)) * 0.5, {claim: np.array(values, dtype=float)}, TOLERANCES
     )
 
@@ -95,10 +99,10 @@ def test_settling_time_is_when_the_error_entered_its_tolerance_for_good(values, 
 def test_settling_takes_the_last_of_the_claims_to_settle():
     t_s = np.array([0.0, 1.0, 2.0, 3.0])
     series = {"formation": np.array([9.0, 0, 0, 0]), "heading": np.array([9.0, 9.0, 0, 0])}
-    assert verdict.settling_time(t_s, series, TOLERANCES) == 2.0
+    assert settling_time(t_s, series, TOLERANCES) == 2.0
     series["centroid"] = np.array([0.0, 0, 0, 3.0])
-    assert verdict.settling_time(t_s, series, TOLERANCES) is None
-    assert verdict.settling_time(t_s, {}, TOLERANCES) == 0.0
+    assert settling_time(t_s, series, TOLERANCES) is None
+    assert settling_time(t_s, {}, TOLERANCES) == 0.0
 
 
 errors = st.one_of(st.floats(0.0, 2.0), st.sampled_from([1.0, math.nan, math.inf]))
@@ -108,7 +112,7 @@ errors = st.one_of(st.floats(0.0, 2.0), st.sampled_from([1.0, math.nan, math.inf
 def test_settling_time_against_its_definition(pairs):
     t_s = np.arange(len(pairs)) * 0.1
     formation, centroid = ([pair[i] for pair in pairs] for i in (0, 1))
-    found = verdict.settling_time(
+    found = settling_time(
         t_s, {"formation": np.array(formation), "centroid": np.array(centroid)}, TOLERANCES
     )
     within = [f <= 1.0 and c <= 2.0 for f, c in pairs]
@@ -120,9 +124,9 @@ def test_settling_is_judged_on_the_claims_expected_true(tmp_path, paper):
     """Theorem 1 does not expect the centroid to come home, so it does not hold settling up."""
     series = [(0, {"heading": 0.1, "shift": 9.0}), (S, {"shift": 9.0}), (2 * S, {"shift": 9.0})]
     judged = trial(tmp_path / "a", paper("theorem1", "duration_s=2.0"), series)
-    assert judged["settling_time_s"] == 1.0
+    assert judged.settling_time_s == 1.0
     every = trial(tmp_path / "b", paper("theorem2", "duration_s=2.0"), series)
-    assert every["settling_time_s"] is None
+    assert every.settling_time_s is None
 
 
 # --- the window -----------------------------------------------------------------------
@@ -132,10 +136,10 @@ def test_error_before_the_window_does_not_count(tmp_path, paper):
     scenario = paper("theorem4", "duration_s=10.0", "expect.window_s=2.0")
     series = [(0, {"heading": 3.0}), (8 * S - 10 * MS, {"heading": 0.3}), (8 * S, {}), (10 * S, {})]
     judged = trial(tmp_path / "run", scenario, series)
-    assert judged["window_s"] == 2.0
-    assert judged["claims"]["heading"]["observed"] is True
-    assert judged["claims"]["heading"]["largest_in_window"] == pytest.approx(0.0)
-    assert judged["settling_time_s"] == 8.0
+    assert judged.window_s == 2.0
+    assert judged.claims["heading"].observed is True
+    assert judged.claims["heading"].largest_in_window == pytest.approx(0.0)
+    assert judged.settling_time_s == 8.0
 
 
 @pytest.mark.parametrize("bad_ns", [8 * S, 9 * S, 10 * S])
@@ -144,11 +148,11 @@ def test_error_anywhere_in_the_window_counts(tmp_path, paper, bad_ns):
     instants = [0, 8 * S, 9 * S, 10 * S]
     series = [(t_ns, {"heading": 0.3} if t_ns == bad_ns else {}) for t_ns in instants]
     judged = trial(tmp_path / "run", scenario, series)
-    assert judged["claims"]["heading"]["observed"] is False
-    assert judged["claims"]["heading"]["holds"] is False
-    assert judged["claims"]["heading"]["largest_in_window"] == pytest.approx(0.3)
-    assert judged["claims"]["formation"]["observed"] is True
-    assert judged["claims"]["centroid"]["observed"] is True
+    assert judged.claims["heading"].observed is False
+    assert judged.claims["heading"].holds is False
+    assert judged.claims["heading"].largest_in_window == pytest.approx(0.3)
+    assert judged.claims["formation"].observed is True
+    assert judged.claims["centroid"].observed is True
 
 
 def test_window_begins_exactly_where_it_should_for_every_duration(tmp_path, paper):
@@ -161,7 +165,7 @@ def test_window_begins_exactly_where_it_should_for_every_duration(tmp_path, pape
         for name, bad_ns, wrong in (("at", start_ns, missed), ("by", start_ns - 1, taken)):
             series = [(bad_ns, {"heading": 0.3}), (end_ns, {})]
             judged = trial(tmp_path / f"{tenths}{name}", scenario, series)
-            if judged["claims"]["heading"]["observed"] is not (bad_ns < start_ns):
+            if judged.claims["heading"].observed is not (bad_ns < start_ns):
                 wrong.append(tenths / 10)
     assert (missed, taken) == ([], [])
 
@@ -176,24 +180,38 @@ def test_window_begins_exactly_where_it_should_for_every_duration(tmp_path, pape
     ],
 )
 def test_length_of_the_window(paper, overrides, expected):
-    assert verdict.window_s(paper("theorem4", *overrides)) == pytest.approx(expected)
+    assert window_s(paper("theorem4", *overrides)) == pytest.approx(expected)
 
 
 def test_length_of_the_window_without_expect(paper):
     scenario = paper("theorem4", "duration_s=20.0").model_copy(update={"expect": None})
-    assert verdict.window_s(scenario) == pytest.approx(2.0)
+    assert window_s(scenario) == pytest.approx(2.0)
 
 
 # --- claims ---------------------------------------------------------------------------
+
+
+def test_expect_and_the_errors_have_a_field_for_every_row_of_the_table():
+    fields = Expect.model_fields
+    assert list(fields) == [
+        *CRITERIA,
+        *(row.tolerance_key for row in ERRORS.values()),
+        "window_s",
+    ]
+    assert list(Errors._fields) == [f"{row.name}_{row.unit}" for row in ERRORS.values()]
+    assert Expect(heading=False).claims == dict.fromkeys(CRITERIA) | {"heading": False}
+    assert Expect(heading_tolerance_rad=0.5).tolerances == {
+        name: 0.5 if name == "heading" else row.tolerance for name, row in ERRORS.items()
+    }
 
 
 def test_errors_at_the_end_are_eqs_3_to_5(tmp_path, paper):
     judged = trial(
         tmp_path / "run", paper("theorem4"), [(0, {}), (40 * S, {"heading": 0.3, "shift": 2.0})]
     )
-    assert judged["formation_error_m"] == pytest.approx(0.0, abs=1e-9)
-    assert judged["heading_error_rad"] == pytest.approx(0.3)
-    assert judged["centroid_error_m"] == pytest.approx(5 * 2.0)
+    assert judged.formation_error_m == pytest.approx(0.0, abs=1e-9)
+    assert judged.heading_error_rad == pytest.approx(0.3)
+    assert judged.centroid_error_m == pytest.approx(5 * 2.0)
 
 
 @pytest.mark.parametrize("expected", [True, False])
@@ -201,11 +219,11 @@ def test_errors_at_the_end_are_eqs_3_to_5(tmp_path, paper):
 def test_false_is_a_claim_too(tmp_path, paper, expected, home):
     scenario = paper("theorem4", f"expect.centroid={str(expected).lower()}")
     judged = trial(tmp_path / "run", scenario, [(40 * S, {"shift": 0.0 if home else 1.0})])
-    claim = judged["claims"]["centroid"]
-    assert claim["expected"] is expected
-    assert claim["observed"] is home
-    assert claim["holds"] is (expected == home)
-    assert verdict.passed(judged) is (expected == home)
+    claim = judged.claims["centroid"]
+    assert claim.expected is expected
+    assert claim.observed is home
+    assert claim.holds is (expected == home)
+    assert judged.passed is (expected == home)
 
 
 def test_each_claim_has_its_own_tolerance(tmp_path, paper):
@@ -213,47 +231,47 @@ def test_each_claim_has_its_own_tolerance(tmp_path, paper):
         "theorem4", "expect.heading_tolerance_rad=0.4", "expect.centroid_tolerance_m=0.9"
     )
     judged = trial(tmp_path / "run", scenario, [(40 * S, {"heading": 0.3, "shift": 0.2})])
-    assert {claim: judged["claims"][claim]["tolerance"] for claim in CLAIMS} == {
+    assert {claim: judged.claims[claim].tolerance for claim in ERRORS} == {
         "formation": 0.05,
         "heading": 0.4,
         "centroid": 0.9,
     }
-    assert judged["claims"]["heading"]["observed"] is True
-    assert judged["claims"]["centroid"]["observed"] is False  # 5 × 0.2 m
+    assert judged.claims["heading"].observed is True
+    assert judged.claims["centroid"].observed is False  # 5 × 0.2 m
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.0])
 def test_without_expect_everything_is_observed_and_nothing_judged(tmp_path, paper, shift):
     scenario = paper("theorem4").model_copy(update={"expect": None})
     judged = trial(tmp_path / "run", scenario, [(0, {}), (40 * S, {"shift": shift})])
-    assert {claim: entry["observed"] for claim, entry in judged["claims"].items()} == {
+    assert {claim: entry.observed for claim, entry in judged.claims.items()} == {
         "formation": True,
         "heading": True,
         "centroid": shift == 0.0,
         "lyapunov": True,
     }
-    assert all(entry["expected"] is None for entry in judged["claims"].values())
-    assert all(entry["holds"] is None for entry in judged["claims"].values())
-    assert verdict.passed(judged)
-    assert judged["settling_time_s"] == (None if shift else 0.0)
+    assert all(entry.expected is None for entry in judged.claims.values())
+    assert all(entry.holds is None for entry in judged.claims.values())
+    assert judged.passed
+    assert judged.settling_time_s == (None if shift else 0.0)
 
 
 def test_claim_that_is_not_made_is_not_judged(tmp_path, paper):
     scenario = paper("theorem4", "expect={heading=true}")
     judged = trial(tmp_path / "run", scenario, [(40 * S, {"shift": 9.0})])
-    assert judged["claims"]["centroid"]["holds"] is None
-    assert judged["claims"]["heading"]["holds"] is True
-    assert judged["settling_time_s"] == 40.0
-    assert verdict.passed(judged)
+    assert judged.claims["centroid"].holds is None
+    assert judged.claims["heading"].holds is True
+    assert judged.settling_time_s == 40.0
+    assert judged.passed
 
 
 def test_nobody_up_at_the_end_means_nothing_judged(tmp_path, paper):
     judged = trial(tmp_path / "run", paper("theorem4", KILL_ALL), [(40 * S, {})])
-    assert {claim["observed"] for claim in judged["claims"].values()} == {None}
-    assert {claim["largest_in_window"] for claim in judged["claims"].values()} == {None}
-    assert (judged["settling_time_s"], judged["formation_error_m"]) == (None, None)
-    assert verdict.standing(judged) == verdict.NOT_JUDGED
-    assert not verdict.passed(judged)
+    assert {claim.observed for claim in judged.claims.values()} == {None}
+    assert {claim.largest_in_window for claim in judged.claims.values()} == {None}
+    assert (judged.settling_time_s, judged.formation_error_m) == (None, None)
+    assert judged.standing == model.NOT_JUDGED
+    assert not judged.passed
 
 
 @pytest.mark.parametrize(
@@ -261,12 +279,7 @@ def test_nobody_up_at_the_end_means_nothing_judged(tmp_path, paper):
     [("completed", [], True), ("completed", [3], False), ("diverged", [], False)],
 )
 def test_without_claims_a_run_passes_that_completes_with_everybody(kind, lost, passes):
-    judged = {
-        "outcome": {"kind": kind},
-        "robots": {"lost": lost},
-        "claims": {"x": {"expected": None, "holds": None}},
-    }
-    assert verdict.passed(judged) is passes
+    assert made(kind=kind, lost=lost).passed is passes
 
 
 # --- runs that did not complete -------------------------------------------------------
@@ -288,56 +301,56 @@ def test_diverged_run_fails_every_claim_and_its_verdict_is_json(tmp_path, paper,
                 reason="state is not finite",
             )
         )
-    assert judged["outcome"] == {
+    assert judged.outcome.model_dump() == {
         "kind": "diverged",
         "t_s": 1.0,
         "robot": 3,
         "reason": "state is not finite",
     }
-    for entry in judged["claims"].values():
-        assert entry["observed"] is False
-        assert entry["holds"] is (None if entry["expected"] is None else False)
-    assert judged["settling_time_s"] is None
-    assert not verdict.passed(judged)
+    for entry in judged.claims.values():
+        assert entry.observed is False
+        assert entry.holds is (None if entry.expected is None else False)
+    assert judged.settling_time_s is None
+    assert not judged.passed
 
 
 def test_run_that_diverged_within_its_tolerances_fails_all_the_same(tmp_path, paper):
     judged = trial(tmp_path / "run", paper("theorem4"), [(0, {}), (S, {})], "diverged")
-    assert [entry["observed"] for entry in judged["claims"].values()] == [False] * 4
-    assert judged["claims"]["lyapunov"]["largest_in_window"] is None  # no rise was measured
-    assert judged["settling_time_s"] is None
+    assert [entry.observed for entry in judged.claims.values()] == [False] * 4
+    assert judged.claims["lyapunov"].largest_in_window is None  # no rise was measured
+    assert judged.settling_time_s is None
 
 
 def test_error_that_is_not_finite_in_a_completed_run_is_outside(tmp_path, paper):
     scenario = paper("theorem4")
     samples = [row._replace(heading_rad=math.nan) for row in rows_at(scenario, 40 * S)]
     judged = judge(recorded(tmp_path / "run", scenario, samples))
-    assert judged["heading_error_rad"] is None
-    assert judged["claims"]["heading"]["observed"] is False
-    assert judged["claims"]["heading"]["largest_in_window"] is None
-    assert judged["claims"]["formation"]["observed"] is True
+    assert judged.heading_error_rad is None
+    assert judged.claims["heading"].observed is False
+    assert judged.claims["heading"].largest_in_window is None
+    assert judged.claims["formation"].observed is True
 
 
 @pytest.mark.parametrize("kind", ["interrupted", "lost", "failed", "broken"])
 def test_run_that_was_cut_off_decides_nothing(tmp_path, paper, kind):
     judged = trial(tmp_path / "run", paper("theorem4"), [(0, {}), (7 * S, {})], kind)
-    assert judged["outcome"]["kind"] == kind
-    assert judged["simulated_s"] == 7.0
-    for entry in judged["claims"].values():
-        assert entry["observed"] is None
-        assert entry["holds"] is None
-    assert judged["settling_time_s"] is None
-    assert judged["formation_error_m"] == pytest.approx(0.0, abs=1e-9)
+    assert judged.outcome.kind == kind
+    assert judged.simulated_s == 7.0
+    for entry in judged.claims.values():
+        assert entry.observed is None
+        assert entry.holds is None
+    assert judged.settling_time_s is None
+    assert judged.formation_error_m == pytest.approx(0.0, abs=1e-9)
 
 
 def test_run_that_was_cut_off_before_the_first_sample(tmp_path, paper):
     judged = judge(recorded(tmp_path / "run", paper("theorem4"), [], "interrupted"), wall_s=0.0)
-    assert judged["formation_error_m"] is None
-    assert judged["heading_error_rad"] is None
-    assert judged["centroid_error_m"] is None
-    assert judged["realtime_factor"] is None
-    assert all(entry["largest_in_window"] is None for entry in judged["claims"].values())
-    assert judged["trajectory_sha256"] == hashlib.sha256(b"").hexdigest()
+    assert judged.formation_error_m is None
+    assert judged.heading_error_rad is None
+    assert judged.centroid_error_m is None
+    assert judged.realtime_factor is None
+    assert all(entry.largest_in_window is None for entry in judged.claims.values())
+    assert judged.trajectory_sha256 == hashlib.sha256(b"").hexdigest()
 
 
 # --- the rest of the verdict ----------------------------------------------------------
@@ -346,12 +359,12 @@ def test_run_that_was_cut_off_before_the_first_sample(tmp_path, paper):
 def test_verdict_says_what_was_run_and_how_fast(tmp_path, paper):
     scenario = paper("theorem6", "seed=17")
     judged = judge(recorded(tmp_path / "run", scenario, rows_at(scenario, 40 * S)), wall_s=8.0)
-    assert judged["scenario"] == "theorem6"
-    assert judged["mode"] == "inline"
-    assert judged["seed"] == 17
-    assert judged["theorem"] == 6
-    assert (judged["simulated_s"], judged["wall_s"], judged["realtime_factor"]) == (40.0, 8.0, 5.0)
-    assert judged["versions"]["numpy"] == np.__version__
+    assert judged.scenario == "theorem6"
+    assert judged.mode == "inline"
+    assert judged.seed == 17
+    assert judged.theorem == 6
+    assert (judged.simulated_s, judged.wall_s, judged.realtime_factor) == (40.0, 8.0, 5.0)
+    assert judged.versions["numpy"] == np.__version__
 
 
 def test_verdict_counts_messages_and_the_latest_refusals(tmp_path, paper):
@@ -367,10 +380,12 @@ def test_verdict_counts_messages_and_the_latest_refusals(tmp_path, paper):
     for item in refused:
         recording(Event("rejected", S, item._asdict()))
     recording(Event("waiting", S, {"for": "join", "robots": [1]}))
-    messages = judge(recording)["messages"]
-    assert messages["sent"] == 4
-    assert messages["fates"] == {"delivered": 3, "lost: random": 1}
-    assert messages["rejected"] == [item._asdict() for item in refused[1:]]
+    messages = judge(recording).messages
+    assert messages.sent == 4
+    assert messages.fates == {"delivered": 3, "lost: random": 1}
+    assert [item.model_dump() for item in messages.rejected] == [
+        item._asdict() for item in refused[1:]
+    ]
 
 
 # --- the hash -------------------------------------------------------------------------
@@ -396,7 +411,7 @@ def test_hash_of_a_run_can_be_computed_from_its_file(tmp_path, paper, name):
         outcome = Inline().run(resolve(scenario), recording)
         assert outcome.kind == "completed"
         recording.save()
-        hashes.append(judge(recording)["trajectory_sha256"])
+        hashes.append(judge(recording).trajectory_sha256)
         assert hash_of_file(folder / "states.parquet") == hashes[-1]
         assert len(recording.samples) == 5 * 6  # five robots, every broadcast period and the end
         assert len(recording.link_rows) == 10 * 6  # ten directed links

@@ -12,15 +12,15 @@ from click.testing import CliRunner
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.record import Event, Outcome
 from formnet.lab.cli import main
-from formnet.lab.judge import verdict
 from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis import trial
 from formnet.lab.pages.report import write_report
 from formnet.lab.runs.difference import other_extremes
-from formnet.lab.runs.recorded import read_run, read_whole
 from formnet.lab.runs.recording import Collected
-from formnet.lab.runs.words import motion_told, told
+from formnet.lab.runs.words import extremes_told, told
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.verdict.model import judge
+from formnet.lab.verdict.recorded import read_run, read_whole
 
 MOTION = {
     "closest": {"distance_m": 0.0962, "robots": [2, 4], "t_s": 3.21},
@@ -110,7 +110,7 @@ def test_a_run_that_never_began_has_none(paper):
     Inline(law=bad).run(resolve(found.scenario), found)
     assert found.outcome.kind == "failed"
     assert found.motion is None
-    assert verdict.of(found, mode="inline", wall_s=1.0)["motion"] is None
+    assert judge(found, mode="inline", wall_s=1.0).motion is None
 
 
 def test_one_robot_alone_is_close_to_nobody(paper):
@@ -138,12 +138,11 @@ def test_the_verdict_has_what_the_plant_told(recorded):
 
 
 def test_extremes_in_words():
-    assert motion_told({"motion": MOTION}) == WORDS
+    assert extremes_told(MOTION) == WORDS
     assert told("extremes", MOTION) == "; ".join(f"{what} {words}" for what, words in WORDS.items())
     slow = {"top_command": {"speed_mps": 2e9, "robot": 5, "t_s": 0.0}, "closest": None}
     assert told("extremes", slow) == "top command 2e+09 m/s (robot 5, at 0.000 s)"
-    for none in (None, {}, {"motion": None}):
-        assert motion_told(none) == {}
+    assert extremes_told({"closest": None}) == {}
 
 
 def test_the_terminal_the_page_and_the_events_tell_them(recorded):
@@ -152,12 +151,12 @@ def test_the_terminal_the_page_and_the_events_tell_them(recorded):
     assert words in said
     page = (folder / "report.html").read_text()
     assert f'<td class="wide">{words}</td>' in page
-    for title, value in motion_told(read_run(folder).verdict).items():
+    for title, value in read_run(folder).verdict.motion.told.items():
         assert f"<div><dt>{title}</dt><dd>{value}</dd></div>" in page
 
 
 def test_a_run_from_before_has_none_and_is_read_all_the_same(copy, tmp_path):
-    change_verdict(copy, lambda judged: judged.pop("motion"))
+    change_verdict(copy, lambda judged: (judged.pop("format"), judged.pop("motion")))
     lines = (copy / "events.jsonl").read_text().splitlines(keepends=True)
     (copy / "events.jsonl").write_text("".join(x for x in lines if '"extremes"' not in x))
     assert read_whole(copy).motion is None
@@ -227,8 +226,7 @@ def test_compare_shows_them(recorded, tmp_path):
     with (tmp_path / "out" / "comparison.csv").open(newline="") as file:
         rows = {row[0]: row[1:] for row in csv.reader(file)}
     expected = [
-        motion_told(json.loads((folder / "verdict.json").read_text()))
-        for folder in (recorded[0], tmp_path / "kinematic")
+        read_run(folder).verdict.motion.told for folder in (recorded[0], tmp_path / "kinematic")
     ]
     for title in ("closest", "top speed", "top turn rate"):
         assert rows[title] == [words[title] for words in expected]
@@ -244,7 +242,7 @@ def test_compare_finds_runs_that_moved_otherwise_between_their_samples(recorded,
     (copy / "events.jsonl").write_text(lines.replace(repr(speed), repr(speed * (1 + 2**-52))))
     code, said = formnet("compare", recorded[0], copy)
     assert code == 1
-    assert "differs, top_speed" in said
+    assert "differs, motion, top_speed" in said
 
 
 def test_nemesis_compares_them(paper):

@@ -14,7 +14,7 @@ from conftest import missing
 from formnet.lab.cli import main
 from formnet.lab.commands.look.export import write_mcap
 from formnet.lab.runs import files
-from formnet.lab.scenarios.schema import FILE
+from formnet.lab.schemas.scenario import FILE
 
 
 @pytest.fixture

@@ -6,11 +6,12 @@ import pytest
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.geometry import rotated
-from formnet.formation.paper.theory import CLAIMS
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.wire.record import Samples
-from formnet.lab.judge import verdict
+from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Recording, Trajectories
+from formnet.lab.verdict.model import judge
 
 
 def simulate(scenario):
@@ -32,7 +33,7 @@ def errors_unrotated(scenario, trajectories, t_s):
     limit is 0 when every robot stands on its own offset); all else agrees.
     """
     i = int(np.searchsorted(trajectories.t_s, t_s))
-    found = verdict.error_series(scenario, trajectories)
+    found = error_series(scenario, trajectories)
     gap = trajectories.positions_m[i] - rotated(scenario.offsets_m, np.zeros(()))
     unrotated = max(np.linalg.norm(a - b) for a in gap for b in gap)
     return unrotated, found.heading_rad[i], found.centroid_m[i]
@@ -75,13 +76,13 @@ def test_every_theorem_reaches_its_expected_verdict(paper, number, tmp_path):
     recording = Recording(tmp_path / "run", scenario)
     Inline().run(resolve(scenario), recording)
     recording.save()
-    judged = verdict.of(recording, mode="inline", wall_s=1.0)
-    assert judged["theorem"] == number
-    claims = {claim: judged["claims"][claim]["observed"] for claim in CLAIMS}
+    judged = judge(recording, mode="inline", wall_s=1.0)
+    assert judged.theorem == number
+    claims = {claim: judged.claims[claim].observed for claim in ERRORS}
     assert claims == {"formation": True, "heading": True, "centroid": number not in (1, 3)}
-    assert verdict.passed(judged)
+    assert judged.passed
     if number in (1, 3):  # not by a hair: the centroid stays metres away
-        assert judged["centroid_error_m"] > 1.0
+        assert judged.centroid_error_m > 1.0
 
 
 CONNECTED = [g for g in nx.graph_atlas_g() if len(g) == 5 and nx.is_connected(g)]
@@ -94,8 +95,8 @@ def test_section_5_with_delay_passes_on_other_connected_graphs(paper, graph):
     trajectories, outcome = simulate(scenario)
     assert outcome.kind == "completed"
     window = trajectories.t_s >= 36.0
-    series = verdict.by_claim(verdict.error_series(scenario, trajectories))
-    tolerances = verdict.tolerances_of(scenario.expect)
+    series = by_claim(error_series(scenario, trajectories))
+    tolerances = scenario.expect.tolerances
     assert {c for c, s in series.items() if s[window].max() <= tolerances[c]} == set(series)
 
 
@@ -108,7 +109,7 @@ def test_printed_delta_diverges(paper):
 def test_compensated_cross_term_brings_the_centroid_home_without_damping(paper):
     """The compensated law is more than the paper's: Theorem 3's centroid comes home as well."""
     centroids = [
-        verdict.error_series(scenario, simulate(scenario)[0]).centroid_m
+        error_series(scenario, simulate(scenario)[0]).centroid_m
         for scenario in (paper("theorem3"), paper("theorem3", 'law.cross_term="compensated"'))
     ]
     assert centroids[0][-1] > 10.0
@@ -121,4 +122,4 @@ def test_a_body_with_its_mass_off_the_axle_still_forms_up(paper):
         "section5", "robot_defaults.com_offset_m=0.1", "robot_defaults.com_offset_estimate_m=0.0"
     )
     trajectories, _ = simulate(scenario)
-    assert verdict.error_series(scenario, trajectories).formation_m[-1] < 0.05
+    assert error_series(scenario, trajectories).formation_m[-1] < 0.05

@@ -159,7 +159,7 @@ def test_every_run_is_looked_at_and_the_gravest_counts(recorded, tmp_path):
         ("verdict.json", None, "has no verdict.json"),
         ("verdict.json", "[]", "verdict.json is not a verdict"),
         ("verdict.json", "{", "verdict.json is not a verdict"),
-        ("verdict.json", '{"outcome": {}}', "verdict.json is not a verdict: KeyError"),
+        ("verdict.json", '{"outcome": {}}', "verdict.json is not a verdict of format 1"),
         ("states.parquet", "rubbish", "states.parquet or links.parquet cannot be read"),
         ("links.parquet", None, "has no links.parquet"),
         ("scenario.toml", "name = 3", "scenario.toml: name = 3"),

@@ -13,20 +13,22 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from verdicts import made
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.loading import load, loads
 from formnet.formation.wire.record import Event, Outcome
 from formnet.lab.cli import main
-from formnet.lab.judge.claim_words import ENDS
 from formnet.lab.launch.inline import Inline
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages import report
 from formnet.lab.runs.keypaths import by_path, shown
-from formnet.lab.runs.recorded import Unreadable, read_run, read_whole
 from formnet.lab.runs.recording import Recording, being_written
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.scene import foxglove
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import read_run, read_whole
 
 SECTION5 = CONFIGS / "paper" / "section5-delay.toml"
 NASTY = '<script>alert("1")</script> & <b>'
@@ -167,12 +169,14 @@ def test_a_line_that_was_cut_off_by_a_crash_is_left_out(copy):
     assert read_run(copy).problems == []
 
 
-def test_a_verdict_of_another_version_is_shown_as_far_as_it_goes(copy):
+def test_a_verdict_of_another_version_is_refused_and_the_rest_is_shown(copy):
     judged = json.loads((copy / "verdict.json").read_text())
     del judged["theorem"], judged["why"], judged["links"]
     (copy / "verdict.json").write_text(json.dumps(judged))
     assert formnet("report", copy)[0] == 0
-    assert "verdict.json is of another version" in Page(copy / "report.html").text
+    page = Page(copy / "report.html").text
+    assert "verdict.json is not a verdict of format 2" in page
+    assert "theorem: is required; why: is required; links: is required" in page
 
 
 # --- report.html ----------------------------------------------------------------------
@@ -270,8 +274,8 @@ def test_a_run_that_fell_short_is_told_that_it_did(copy):
     judged = json.loads((copy / "verdict.json").read_text())
     assert "still decreasing" not in Page(copy / "report.html").text
     for name, claim in judged["claims"].items():
-        if name in ENDS:
-            judged[ENDS[name]] = claim["largest_in_window"] / 2
+        if name in ERRORS:
+            judged[ERRORS[name].error_key] = claim["largest_in_window"] / 2
     (copy / "verdict.json").write_text(json.dumps(judged))
     report.write_report(copy)
     assert "still decreasing at the end" in Page(copy / "report.html").text
@@ -399,11 +403,8 @@ def test_the_index_never_takes_the_place_of_another_page(copy):
 )
 def test_standing(kind, expected, holds, word):
     kind, _, lost = kind.partition(", ")
-    judged = {
-        "outcome": {"kind": kind},
-        "claims": {"x": {"expected": expected, "holds": holds}},
-        "robots": {"lost": [{"robot": 1}] if lost else []},
-    }
+    claims = {"heading": {"expected": expected, "holds": holds}}
+    judged = made(kind=kind, claims=claims, lost=[1] if lost else [])
     assert runs.standing(judged, None, running=False) == word
 
 

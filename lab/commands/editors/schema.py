@@ -1,25 +1,44 @@
-"""``formnet schema``: the JSON Schema of scenarios."""
+"""``formnet schema``: the JSON Schemas of scenarios and of verdicts."""
 
 from pathlib import Path
 
 import click
 
-from formnet.lab.commands.options import Command, fail
+from formnet.lab.commands.options import Command, fail, out_option
 from formnet.lab.runs import files
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.scenarios.schema import text
 
 
 @click.command("schema", cls=Command)
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: standard output]"
+    "--of",
+    "kind",
+    type=click.Choice(["scenario", "verdict"]),
+    default="scenario",
+    show_default=True,
+    help="Of scenario files, or of the verdict.json that a run leaves.",
 )
-def command(out: Path | None) -> None:
-    """Print the JSON Schema of scenarios, for editors."""
+@out_option("[default: standard output]", metavar="FILE")
+def command(kind: str, out: Path | None) -> None:
+    """Print the JSON Schema of scenarios or verdicts.
+
+    Editors check and complete scenarios with it; programs that read verdicts validate them.
+    """
+    text = _text(kind)
     if out is None:
-        click.echo(text(), nl=False)
+        click.echo(text, nl=False)
         return
     try:
-        files.replace(out, text())
+        files.replace(out, text)
     except OSError as error:
         fail(code_of(error), f"--out {out}: {error.strerror}")
+
+
+def _text(kind: str) -> str:
+    if kind == "verdict":
+        from formnet.lab.schemas import verdict
+
+        return verdict.text()
+    from formnet.lab.schemas import scenario
+
+    return scenario.text()

@@ -9,25 +9,21 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.options import RUNS, Command
+from formnet.lab.commands.options import RUNS, Command, out_option
 from formnet.lab.pages.comparison import MOST_RUNS, comparison, figure, parts, write
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import filled
-from formnet.lab.runs.recorded import Unreadable, read_whole
 from formnet.lab.text.problems import report_problems
 from formnet.lab.text.side_by_side import renderables
 from formnet.lab.text.tables import output
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import read_whole
 
 
 @click.command("compare", cls=Command)
 @RUNS
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Write comparison.md, .csv and a figure to a new folder.",
-)
+@out_option("Write comparison.md, .csv and a figure to a new folder.", metavar="DIR")
 def command(folders: tuple[Path, ...], out: Path | None) -> None:
     """Compare runs side by side.
 

@@ -13,25 +13,24 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.options import FOLDER, Command
+from formnet.lab.commands.options import FOLDER, Command, out_option
 from formnet.lab.runs import files
 from formnet.lab.runs.build import install
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
-from formnet.lab.runs.recorded import Recorded, Unreadable, event_lines, read_whole
 from formnet.lab.runs.recording import LINKS, STATES
 from formnet.lab.text.problems import report_problems
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import Recorded, event_lines, read_whole
 
 
 @click.command("export", cls=Command)
 @FOLDER
 @click.option("--format", "kind", type=click.Choice(["mcap", "csv"]), required=True)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
+@out_option(
+    "New file (mcap) or folder (csv)  [default: run.mcap or csv/ in the run's folder]",
     metavar="FILE|DIR",
-    help="New file (mcap) or folder (csv)  [default: run.mcap or csv/ in the run's folder]",
 )
 def command(folder: Path, kind: str, out: Path | None) -> None:
     """Write a run as MCAP or CSV.

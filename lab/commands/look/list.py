@@ -10,11 +10,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from formnet.lab.commands.options import Command
-from formnet.lab.judge.verdict import HOLDS, OBSERVED
 from formnet.lab.pages.listing import RUNNING, Entry, in_words, look_into
 from formnet.lab.pages.report import write_index
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
 from formnet.lab.text.tables import Column, output, table
+from formnet.lab.verdict.model import HOLDS, OBSERVED
 
 _STYLES = {HOLDS: "green", RUNNING: "cyan", OBSERVED: "dim", "interrupted": "yellow"}
 

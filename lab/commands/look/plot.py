@@ -9,23 +9,19 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.options import FOLDER, Command
+from formnet.lab.commands.options import FOLDER, Command, out_option
 from formnet.lab.figures import run_figures as figures
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import filled
-from formnet.lab.runs.recorded import Unreadable, read_run
 from formnet.lab.text.problems import report_problems
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.recorded import read_run
 
 
 @click.command("plot", cls=Command)
 @FOLDER
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="New folder  [default: figures/ of the run]",
-)
+@out_option("New folder  [default: figures/ of the run]", metavar="DIR")
 def command(folder: Path, out: Path | None) -> None:
     """Redraw a run's figures from its folder."""
     sys.exit(plot_run(folder, out))

@@ -13,8 +13,8 @@ from formnet.lab.commands.options import RUNS, Command
 from formnet.lab.pages.report import write_report
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.recorded import Unreadable
 from formnet.lab.text.problems import report_problems
+from formnet.lab.verdict.files import Unreadable
 
 
 @click.command("report", cls=Command)

@@ -15,20 +15,16 @@ from formnet.formation.scenario.loading import ScenarioError
 from formnet.formation.wire.record import Record
 from formnet.lab.commands.options import RUNS, Command
 from formnet.lab.forecast.foresight import obstacle
-from formnet.lab.judge.repetition import (
-    before,
-    compared,
-    other_versions,
-    planned_until_ns,
-    what_happened,
-)
 from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.signals import stop_signals
+from formnet.lab.runs.difference import before, differences, other_extremes
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
-from formnet.lab.runs.recorded import Unreadable, read_whole
-from formnet.lab.runs.recording import Recording
+from formnet.lab.runs.recording import Recording, trajectory_sha256
 from formnet.lab.text.problems import report_problems, say_slow
 from formnet.lab.text.progress import Waits
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.model import Verdict
+from formnet.lab.verdict.recorded import read_whole
 from formnet.netem.settings.timeline import NEVER
 
 
@@ -84,7 +80,8 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
             'clock.mode = "realtime": a run in real time is not repeatable to the bit; '
             "its virtual twin does (--set clock.mode=lockstep)"
         )
-    until_ns = planned_until_ns(judged)
+    unplanned_s = judged.unplanned_s
+    until_ns = NEVER if unplanned_s is None else round(unplanned_s * 1e9)
     samples = before(recorded.samples, until_ns)
     if not samples:
         raise Unreadable(
@@ -115,34 +112,40 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
             soft_wrap=True,
         )
         return BROKEN
-    found = compared(recorded, again, until_ns)
+    found = differences(recorded, again, until_ns)
+    whole = until_ns == NEVER
+    if whole and found.motion is None and judged.motion is not None:
+        found = found._replace(motion=other_extremes(judged.motion.model_dump(), again.motion))
+    sealed = trajectory_sha256(recorded.samples) == judged.trajectory_sha256
     name = escape(str(folder))
-    if found.identical:
-        whole = until_ns == NEVER
+    if found.identical and sealed:
         extent = (
             f": {len(samples)} samples, {len(recorded.link_rows)} messages"
             if whole
-            else f" up to t = {until_ns / 1e9:g} s, where {what_happened(judged, until_ns)}: "
+            else f" up to t = {until_ns / 1e9:g} s, where {_what_happened(judged, until_ns)}: "
             f"{len(samples)} of {len(recorded.samples)} samples"
         )
         console.print(f"{name}: [green]identical[/]{extent}", soft_wrap=True)
         if whole:
-            console.print(f"  sha256 {judged['trajectory_sha256']}", soft_wrap=True)
+            console.print(f"  sha256 {judged.trajectory_sha256}", soft_wrap=True)
         return ALL_HOLD
     console.print(f"{name}: [red]differs[/]", soft_wrap=True)
-    if not found.sealed:
+    if not sealed:
         console.print(
             "  states.parquet does not match the SHA-256 in verdict.json: it was "
             "changed after the run",
             soft_wrap=True,
         )
-    if found.first is not None:
-        console.print(
-            f"  first at {escape(str(found.first))} (recorded, and repeated)", soft_wrap=True
-        )
-    if found.motion is not None:
-        console.print(f"  motion, {escape(found.motion)} (recorded, and repeated)", soft_wrap=True)
-    if found.first is not None or found.motion is not None:
-        for line in other_versions(judged):
-            console.print(f"  {escape(line)}", soft_wrap=True)
+    for what in found.in_words:
+        console.print(f"  {escape(what)} (recorded, and repeated)", soft_wrap=True)
+    for line in [] if found.identical else judged.other_versions():
+        console.print(f"  {escape(line)}", soft_wrap=True)
     return ONE_FAILS
+
+
+def _what_happened(judged: Verdict, at_ns: int) -> str:
+    """What the scenario does not say, and is not compared."""
+    outcome = judged.outcome
+    if outcome.planned or round(outcome.t_s * 1e9) > at_ns:
+        return "something unplanned happened"
+    return f"the recorded run ended ({outcome.kind}; whether it ends so again is not checked)"

@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims import report
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.folder import write
-from formnet.lab.claims.results import BROKEN, FAILS, HOLDS, OBSERVED, Result, Row, complete
+from formnet.lab.claims.results import BROKEN, Result, Row, complete
 from formnet.lab.claims.work import Work, cost, do
-from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline
-from formnet.lab.judge.claim_words import EQUATIONS, UNITS
+from formnet.lab.commands.options import INLINE_RUNS, JOBS, Command, need_inline, out_option
 from formnet.lab.launch import pool
 from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
@@ -28,6 +28,7 @@ from formnet.lab.runs.exits import BROKEN as RUN_BROKE
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, forget, fresh_folder
 from formnet.lab.text.tables import output
+from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
 
 _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
 
@@ -41,11 +42,7 @@ _STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
     help="Run only claims whose key matches, e.g. theorem-* (--list shows the keys). Repeatable.",
 )
 @click.option("--list", "listed", is_flag=True, help="List the claims and exit.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Results folder  [default: runs/claims-<time>]",
-)
+@out_option("Results folder  [default: runs/claims-<time>]")
 @click.option(
     "--into",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
@@ -161,14 +158,14 @@ def _do_all(
     else:  # every run has all cores
         found = pool.in_turn(do, work, stopped)
     for item, result in pool.shown(console, found, len(work), _label):
-        if result.verdict["outcome"]["kind"] == "interrupted":
+        if result.verdict.outcome.kind == "interrupted":
             return
         done[item.claim, item.case.name] = result
         if not result.as_expected:
-            outcome = result.verdict["outcome"]
-            how = f"{outcome['kind']} {outcome['reason']}".strip()
-            for lost in result.verdict["robots"]["lost"]:
-                how += f"; robot {lost['robot']} was lost: {lost['reason']}"
+            outcome = result.verdict.outcome
+            how = f"{outcome.kind} {outcome.reason}".strip()
+            for lost in result.verdict.robots.lost:
+                how += f"; robot {lost.robot} was lost: {lost.reason}"
             console.print(
                 f"[red]not as predicted:[/] {_label(item)} ({escape(how)}), see "
                 + escape(str(item.folder)),
@@ -185,7 +182,7 @@ def _table(rows: Sequence[Row]) -> Table:
     table = Table(box=SIMPLE_HEAD, title="the paper's claims", title_justify="left")
     for column in ("claim", "in the paper", "verdict"):
         table.add_column(column)
-    for column in ("runs", *(f"{name} ({UNITS[claim]})" for claim, name in EQUATIONS.items())):
+    for column in ("runs", *(f"{row.reference} ({row.unit})" for row in ERRORS.values())):
         table.add_column(column, justify="right", no_wrap=True)
     for row in rows:
         told = row.verdict if row.verdict == HOLDS else row.happened
@@ -194,6 +191,6 @@ def _table(rows: Sequence[Row]) -> Table:
             row.claim.where,
             f"[{_STYLES[row.verdict]}]{escape(told)}[/]",
             str(len(row.results)),
-            *(report.number(row, claim) for claim in EQUATIONS),
+            *(report.number(row, claim) for claim in ERRORS),
         )
     return table

@@ -23,6 +23,7 @@ from formnet.lab.commands.options import (
     Number,
     Whole,
     need_inline,
+    out_option,
 )
 from formnet.lab.forecast.checked import load_checked
 from formnet.lab.launch import pool
@@ -55,11 +56,7 @@ CHAOS_SHARE = 0.25
     help="Seed of the first run; increases by one per run.",
 )
 @INLINE_RUNS
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Results folder  [default: runs/nemesis-<time>]",
-)
+@out_option("Results folder  [default: runs/nemesis-<time>]")
 @click.option(
     "--limit",
     "limit_s",

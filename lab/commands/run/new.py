@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from formnet.lab.commands.options import Command, Number, Whole, fail
+from formnet.lab.commands.options import Command, Number, Whole, fail, out_option
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.scenarios.new import CannotWrite, Wish, write
 
@@ -52,7 +52,7 @@ from formnet.lab.scenarios.new import CannotWrite, Wish, write
     show_default=True,
     help="Seed for starts, random graphs and links.",
 )
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="[default: NAME.toml]")
+@out_option("[default: NAME.toml]", metavar="FILE")
 @click.option(
     "--mode",
     type=click.Choice(("lockstep", "realtime")),

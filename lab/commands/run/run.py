@@ -22,10 +22,11 @@ from formnet.lab.commands.options import (
     VIEW,
     WEB,
     Command,
+    out_option,
     viewer,
 )
 from formnet.lab.forecast.checked import load_checked
-from formnet.lab.judge import lyapunov, verdict
+from formnet.lab.judge import lyapunov
 from formnet.lab.launch import live
 from formnet.lab.launch.distributed import Distributed
 from formnet.lab.launch.engine import Engine
@@ -42,6 +43,8 @@ from formnet.lab.text.problems import report_problems, say_slow, warn
 from formnet.lab.text.progress import Watch
 from formnet.lab.text.summary import claims_table, summarise
 from formnet.lab.text.tables import output
+from formnet.lab.verdict import files as verdict_files
+from formnet.lab.verdict.model import judge
 
 if TYPE_CHECKING:
     from formnet.lab.scene.rrd import RunFile
@@ -49,9 +52,7 @@ if TYPE_CHECKING:
 
 @click.command("run", cls=Command)
 @SCENARIO
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Run folder  [default: runs/<name>-<time>]"
-)
+@out_option("Run folder  [default: runs/<name>-<time>]")
 @OVERRIDE
 @click.option(
     "--inline", is_flag=True, help="Run in one process, without Zenoh; same trajectories."
@@ -211,19 +212,19 @@ def _conclude(
     *,
     drawn: bool,
 ) -> int:
-    """Save, judge (``how`` as for :func:`lab.judge.verdict.of`), print, draw; the exit code.
+    """Save, judge (``how`` as for :func:`lab.verdict.model.judge`), print, draw; the exit code.
 
     What was recorded and its verdict come first, what shows them after that.
     """
     problems = recording.save()
-    judged = verdict.of(recording, **how)
-    unjudged = files.attempt(lambda: verdict.save(judged, recording.folder))
+    judged = judge(recording, **how)
+    unjudged = files.attempt(lambda: verdict_files.save(judged, recording.folder))
     if problems or unjudged:  # the scene may have filled the disk
         scene.make_room()
         problems = recording.save()
         if unjudged:
-            problems += files.attempt(lambda: verdict.save(judged, recording.folder))
-    rows = [(f"{link['source']}→{link['destination']}", link) for link in judged["links"]]
+            problems += files.attempt(lambda: verdict_files.save(judged, recording.folder))
+    rows = [(f"{link.source}→{link.destination}", link.model_dump()) for link in judged.links]
     page = output()
     page.print(links_table(rows, "all are in verdict.json"))
     page.print(claims_table(judged, recording.scenario))
@@ -255,4 +256,4 @@ def _conclude(
         return INTERRUPTED
     if outcome.kind not in ("completed", "diverged"):
         return BROKEN
-    return ALL_HOLD if verdict.passed(judged) else ONE_FAILS
+    return ALL_HOLD if judged.passed else ONE_FAILS

@@ -1,16 +1,14 @@
 """The scenario reference, docs/scenario.md, from the JSON Schema: ``make reference``."""
 
 import json
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from formnet.lab.runs import files
-from formnet.lab.scenarios.schema import scenario_schema
-
-Schema = dict[str, Any]
+from formnet.lab.schemas.common import Schema
+from formnet.lab.schemas.page import Tables, words
+from formnet.lab.schemas.scenario import scenario_schema
 
 HEAD = """\
 <!-- Written by `make reference` from the models of formation/ and netem/; edit those. -->
@@ -64,74 +62,74 @@ def reference() -> str:
     return "\n".join(_Page(scenario_schema()).lines())
 
 
-class _Page:
+class _Page(Tables):
     def __init__(self, schema: Schema) -> None:
-        self._schema = schema
-        self._vehicle = set(self._resolved(schema["properties"]["robot_defaults"])["properties"])
+        super().__init__(schema)
+        self._vehicle = set(self.resolved(schema["properties"]["robot_defaults"])["properties"])
 
     def lines(self) -> Iterator[str]:
         yield HEAD
         sections = dict(SECTIONS)
         yield "## At the top\n"
-        top = self._schema["properties"]
+        top = self.schema["properties"]
         single = {name: entry for name, entry in top.items() if name not in sections}
-        yield from self._table(single, self._schema)
+        yield from self.table(single, self.schema)
         for name, title in SECTIONS:
             yield f"## `{title}`\n"
-            entry = self._resolved(top[name])
+            entry = self.resolved(top[name])
             if name == "network":
                 yield from self._network(entry)
             elif name == "timeline":
                 yield from self._timeline(entry)
             else:
-                yield from self._section(self._resolved(entry.get("items", entry)), name)
+                yield from self._section(self.resolved(entry.get("items", entry)), name)
 
     def _section(self, table: Schema, name: str) -> Iterator[str]:
-        yield _words(table) + "\n"
+        yield words(table) + "\n"
         keys = dict(table["properties"])
         if name == "robots":
             keys = {key: entry for key, entry in keys.items() if key not in self._vehicle}
-        yield from self._table(keys, table)
+        yield from self.table(keys, table)
         if name == "robots":
             yield "And every key of [`[robot_defaults]`](#robot_defaults), for this robot alone.\n"
         for key, entry in keys.items():
-            inner = self._resolved(entry)
+            inner = self.resolved(entry)
             if "properties" in inner:
                 yield f"### `{key}`\n"
                 yield from self._section(inner, key)
 
     def _network(self, network: Schema) -> Iterator[str]:
-        yield _words(network) + "\n"
-        yield from self._table(network["properties"], network)
-        settings = self._resolved(network["properties"]["default"])
-        rule = self._resolved(network["properties"]["links"]["items"])
+        yield words(network) + "\n"
+        yield from self.table(network["properties"], network)
+        settings = self.resolved(network["properties"]["default"])
+        rule = self.resolved(network["properties"]["links"]["items"])
         yield "### `[network.default]`\n"
-        yield _words(settings) + "\n"
-        yield from self._table(settings["properties"], settings)
+        yield words(settings) + "\n"
+        yield from self.table(settings["properties"], settings)
         yield "### `[[network.links]]`\n"
-        yield _words(rule) + "\n"
+        yield words(rule) + "\n"
         own = {key: rule["properties"][key] for key in ("from", "to", "both_ways")}
-        yield from self._table(own, rule)
+        yield from self.table(own, rule)
         yield "And every key of `[network.default]`.\n"
         for key, kind in (("delay", "distribution"), ("loss", "model")):
             whole = settings["properties"][key]["anyOf"][0]["anyOf"]
             yield f"### `{key}`\n"
             yield from self._kinds(whole, kind, "####")
         for key, entry in settings["properties"].items():
-            table = self._resolved(entry)
+            table = self.resolved(entry)
             if "properties" in table:
                 yield f"### `{key}`\n"
                 yield from self._section(table, key)
 
     def _timeline(self, timeline: Schema) -> Iterator[str]:
-        yield _words(timeline) + "\n"
+        yield words(timeline) + "\n"
         yield from self._kinds(timeline["items"]["anyOf"], "action", "###")
 
     def _kinds(self, kinds: list[Schema], tag: str, level: str) -> Iterator[str]:
         """Tables of a union, each under the word that says which it is."""
-        link = self._schema["$defs"]["LinkSettings"]["properties"]
+        link = self.schema["$defs"]["LinkSettings"]["properties"]
         for entry in kinds:
-            table = self._resolved(entry)
+            table = self.resolved(entry)
             keys = dict(table["properties"])
             word = keys.pop(tag)
             yield f"{level} `{tag} = {json.dumps(word['const'])}`\n"
@@ -141,87 +139,9 @@ class _Page:
             changes_links = set(link) <= set(keys)
             if changes_links:
                 keys = {key: entry for key, entry in keys.items() if key not in link}
-            yield from self._table(keys, table)
+            yield from self.table(keys, table)
             if changes_links:
                 yield "And every key of [`[network.default]`](#networkdefault).\n"
-
-    def _table(self, keys: Schema, table: Schema) -> Iterator[str]:
-        """The rows of some ``keys`` of a ``table``."""
-        required = table.get("required", [])
-        unless_file = {key for way in table.get("anyOf", []) for key in way["required"]}
-        yield "| key | type | default | unit | what |"
-        yield "|---|---|---|---|---|"
-        for key, entry in keys.items():
-            default = "**required**" if key in required else _default(entry)
-            if key in unless_file - {"file", *required}:
-                default = "**required**, or `file`"
-            cells = (
-                f"`{key}`",
-                self._type(entry),
-                default,
-                entry.get("unit", ""),
-                self._what(entry),
-            )
-            yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-        yield ""
-
-    def _what(self, entry: Schema) -> str:
-        text = _words(entry) or _words(self._resolved(entry)) or _words(entry.get("items", {}))
-        return text.split("\n\n")[0]
-
-    def _type(self, entry: Schema) -> str:
-        """A value's type and bounds, in words."""
-        if "$ref" in entry:
-            return self._type(self._resolved(entry) | {"description": ""})
-        if "anyOf" in entry and "type" not in entry:
-            return " or ".join(dict.fromkeys(self._type(one) for one in entry["anyOf"]))
-        if "enum" in entry or "const" in entry:
-            return ", ".join(
-                f"`{json.dumps(value)}`" for value in entry.get("enum", [entry.get("const")])
-            )
-        kind = entry.get("type")
-        if kind == "array":
-            inner = self._type(entry["items"])
-            return f"pair of {inner}" if entry.get("maxItems") == 2 else f"list of {inner}"
-        words = {
-            "number": "number",
-            "integer": "whole number",
-            "string": "string",
-            "boolean": "true, false",
-            "object": "table",
-        }
-        return words[kind] + _bounds(entry) if kind else "any"
-
-    def _resolved(self, entry: Schema) -> Schema:
-        """``entry``, or what it refers to."""
-        reference = entry.get("$ref")
-        if reference is None:
-            return entry
-        found: Schema = self._schema["$defs"][reference.rpartition("/")[2]]
-        return found
-
-
-def _bounds(entry: Schema) -> str:
-    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
-    bounds = [
-        f"{sign} {entry[key]:g}"
-        for key, sign in signs.items()
-        if key in entry and entry[key] <= 1e9  # above, as good as none
-    ]
-    return " " + ", ".join(bounds) if bounds else ""
-
-
-def _default(entry: Schema) -> str:
-    if "default" not in entry:
-        return ""
-    value = entry["default"]
-    return f"`{json.dumps(value, ensure_ascii=False)}`" if value not in ("", []) else ""
-
-
-def _words(entry: Schema) -> str:
-    """A description without the key that it begins with, if anything follows."""
-    text = re.sub(r"^`[^`]*`(?: in `[^`]*`)?: (?=.)", "", entry.get("description", ""))
-    return text[0].upper() + text[1:] if text[:1].isascii() and text else text
 
 
 if __name__ == "__main__":

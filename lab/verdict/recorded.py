@@ -1,7 +1,7 @@
 """A run read back from its folder, as far as it is there."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -17,32 +17,14 @@ from formnet.lab.runs.recording import (
     read_links,
     read_states,
 )
-from formnet.lab.runs.words import extremes_told, motion_told
+from formnet.lab.runs.words import extremes_told
+from formnet.lab.verdict import files
+from formnet.lab.verdict.ending import KINDS
+from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.model import Verdict
 
-_OUTCOMES = {"completed", "diverged", "interrupted", "lost", "failed", "broken"}
 _END = {"robot", "reason"}
 """What an outcome's line tells; a robot's loss is an event that tells its tick, too."""
-
-_NEEDED = {
-    "scenario",
-    "mode",
-    "outcome",
-    "robots",
-    "claims",
-    "settling_time_s",
-    "trajectory_sha256",
-    "messages",
-    "simulated_s",
-    "wall_s",
-    "formation_error_m",
-    "heading_error_rad",
-    "centroid_error_m",
-}
-"""What every verdict has that is used here."""
-
-
-class Unreadable(ValueError):
-    """A folder that holds no run, or not enough of one; the text says what is wrong with it."""
 
 
 class Recorded(Collected):
@@ -55,7 +37,7 @@ class Recorded(Collected):
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.folder = folder
-        self.verdict: Mapping[str, Any] | None = None
+        self.verdict: Verdict | None = None
         self.problems: list[str] = []
         self.walls: list[str] = []
         self.running = being_written(folder)
@@ -81,7 +63,7 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
         raise Unreadable("has no scenario.toml; formnet run leaves one")
     run = Recorded(folder, load(folder / "scenario.toml"))
     try:
-        run.verdict = read_verdict(folder)
+        run.verdict = files.read(folder)
     except Unreadable as error:
         run.problems.append(str(error))
     try:
@@ -106,29 +88,6 @@ def read_whole(folder: Path) -> Recorded:
     if run.problems:
         raise Unreadable("; ".join(run.problems))
     return run
-
-
-def read_verdict(folder: Path) -> dict[str, Any]:
-    """A run's verdict.
-
-    Raises:
-        Unreadable: there is none.
-    """
-    try:
-        judged = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
-        if missing := sorted(_NEEDED - judged.keys()):
-            raise KeyError(*missing)
-        judged["outcome"]["kind"], judged["outcome"]["t_s"], judged["robots"]["lost"]
-        judged["messages"]["sent"], judged["messages"]["fates"].items()
-        for claim in judged["claims"].values():
-            claim["expected"], claim["holds"], claim["largest_in_window"]
-        motion_told(judged)
-    except FileNotFoundError:
-        raise Unreadable("has no verdict.json") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise Unreadable(f"verdict.json is not a verdict: {error!r}") from None
-    assert isinstance(judged, dict)
-    return judged
 
 
 def event_lines(folder: Path) -> Iterator[dict[str, Any]]:
@@ -178,7 +137,7 @@ def _read_tables(run: Recorded) -> list[str]:
 def _read_events(run: Recorded) -> None:
     for line in event_lines(run.folder):
         t_ns, kind, wall = round(line.pop("t_s") * 1e9), line.pop("event"), line.pop("wall")
-        if kind in _OUTCOMES and line.keys() == _END:
+        if kind in KINDS and line.keys() == _END:
             run.outcome = Outcome(kind, t_ns, **line)
         elif kind == "lost" and not (
             line.get("robot") in run.scenario.ids and isinstance(line.get("tick"), int)

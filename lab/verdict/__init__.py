@@ -1,0 +1,1 @@
+"""The verdict on a run: its model, section by section, how each is computed, written and read."""

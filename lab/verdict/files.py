@@ -1,0 +1,108 @@
+"""``verdict.json``: written whole or not at all, and read back from folders of unknown origin.
+
+The format is the file's first key. Format 2 is what is written. Format 1 has no such key; the
+first of its files lack what was added to verdicts later, for which there is a neutral value. Both
+must then be what :class:`lab.verdict.model.Verdict` says.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import from_json
+
+from formnet.lab.runs import files
+from formnet.lab.verdict.model import FORMAT, Verdict
+from formnet.netem.files.problems import problems
+
+FILE = "verdict.json"
+MOST_BYTES = 64 * 2**20
+"""A longer file is not read. A link takes some 600 bytes: that is about 100,000 links."""
+_SHOWN = 3
+"""How many of a file's problems are named."""
+
+
+class Unreadable(ValueError):
+    """A folder that holds no run, or not enough of one; the text says what is wrong with it."""
+
+
+def save(verdict: Verdict, folder: Path) -> None:
+    """Write ``verdict.json`` into ``folder``. Raises OSError."""
+    files.replace(folder / FILE, text(verdict))
+
+
+def text(verdict: Verdict) -> str:
+    """A verdict as it stands in its file."""
+    data = verdict.model_dump(mode="json")
+    return json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def read(folder: Path) -> Verdict:
+    """A run's verdict.
+
+    Raises:
+        Unreadable: there is none, it is too long, or not of a format that can be read.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise Unreadable(f"has no {FILE}")
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise Unreadable(f"{FILE} cannot be read: {error.strerror}") from None
+    if len(content) > MOST_BYTES:
+        raise Unreadable(f"{FILE} is not read: it is longer than {MOST_BYTES >> 20} MiB")
+    try:
+        return Verdict.model_validate_json(content)
+    except ValidationError:
+        return _converted(content)
+
+
+def _converted(content: bytes) -> Verdict:
+    """A verdict of another format; else what is wrong with it."""
+    try:
+        data = from_json(content, allow_inf_nan=False)
+    except ValueError as error:
+        raise Unreadable(f"{FILE} is not a verdict: not JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise Unreadable(f"{FILE} is not a verdict: must be an object")
+    number = data.get("format", 1)
+    if type(number) is not int or not 1 <= number <= FORMAT:
+        raise Unreadable(
+            f"{FILE} is of format {_short(number)}, written by formnet {_writer(data)}; "
+            f"this formnet reads formats 1 to {FORMAT}"
+        )
+    converted = _from_1(data) if number == 1 else data
+    try:
+        return Verdict.model_validate(converted)
+    except ValidationError as error:
+        found = problems(Verdict, converted, error, _SHOWN)
+        more = error.error_count() - len(found)
+        raise Unreadable(
+            f"{FILE} is not a verdict of format {number} (written by formnet {_writer(data)}): "
+            + "; ".join(_short(str(problem), 200) for problem in found)
+            + (f"; and {more} more" if more else "")
+        ) from None
+
+
+def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+    """Format 1 as format 2: with what its first files lack."""
+    messages = data.get("messages")
+    if isinstance(messages, dict):
+        messages = {"refused": [], **messages}
+    return {"warnings": [], "motion": None, **data, "messages": messages, "format": FORMAT}
+
+
+def _writer(data: dict[str, Any]) -> str:
+    """The version of formnet that wrote a file, as far as it says so."""
+    versions = data.get("versions")
+    found = versions.get("formnet") if isinstance(versions, dict) else None
+    return _short(found) if isinstance(found, str) else "of an unknown version"
+
+
+def _short(value: object, longest: int = 40) -> str:
+    """What a file says, fit for a line: printable, and not too long."""
+    text = "".join(letter if letter.isprintable() else "�" for letter in str(value)[:longest])
+    return text + "…" * (len(str(value)) > longest)

@@ -1,0 +1,88 @@
+"""``lyapunov``: V along a run (Eq. 22, 34, 40 or 43), and every rise of it beyond its budget."""
+
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from formnet.lab.verdict.section import Section, finite
+
+if TYPE_CHECKING:
+    from formnet.lab.runs.recording import Collected
+
+
+class RiseOfV(Section):
+    """A stretch in which V gained more than its budget."""
+
+    begin_s: float = Field(description="From when.")
+    end_s: float = Field(description="To when.")
+    gain: float | None = Field(description="What V gained beyond its budget.")
+    relative_gain: float | None = Field(description="That, by V at the beginning.")
+    causes: list[str] = Field(description="What may have made it rise.")
+
+
+class Stability(Section):
+    """V along a run, counted from the instant at which all neighbours had been heard."""
+
+    equation: int = Field(description="The equation of the paper that V is of.")
+    from_s: float | None = Field(
+        description="The first instant at which V is the theorem's; null if there is none."
+    )
+    initial: float | None = Field(description="V at that instant.")
+    final: float | None = Field(description="V at the end.")
+    budget: float | None = Field(
+        description="What sampling and the robust term may have added to V in the whole run."
+    )
+    may_rise_by: list[str] = Field(
+        description="What in the scenario lets V rise at any time, against the theorems."
+    )
+    rises: list[RiseOfV] = Field(description="Every rise, in the order of time.")
+
+    @property
+    def largest_gain(self) -> float | None:
+        """The largest relative gain; 0 without a rise, None where one is not known."""
+        gains = [rise.relative_gain for rise in self.rises]
+        known = [gain for gain in gains if gain is not None]
+        return max(known, default=0.0) if len(known) == len(gains) else None
+
+    def in_words(self, *, diverged: bool) -> str | None:
+        """When V rose first and, in a run that diverged, last, and why; None if it did not."""
+        if not self.rises:
+            return None
+        told = {"first": self.rises[0]}
+        if diverged and len(self.rises) > 1:
+            told["last"] = self.rises[-1]
+        words = [
+            f"{which} from {rise.begin_s:.2f} to {rise.end_s:.2f} s: {'; '.join(rise.causes)}"
+            for which, rise in told.items()
+        ]
+        often = "once" if len(self.rises) == 1 else f"{len(self.rises)} times"
+        return f"V (Eq. {self.equation}) rises {often}, {', and '.join(words)}"
+
+
+def stability(recording: "Collected") -> Stability | None:
+    """The section ``lyapunov``; None where V is not defined, or without samples."""
+    from formnet.lab.judge import lyapunov  # loads NumPy
+    from formnet.lab.judge.rises import rises, standing_causes
+
+    found = lyapunov.curve(recording)
+    if found is None:
+        return None
+    first = int(found.whole.argmax()) if found.whole.any() else None
+    return Stability(
+        equation=lyapunov.equation(recording.scenario),
+        from_s=None if first is None else float(found.t_s[first]),
+        initial=None if first is None else finite(found.v[first]),
+        final=finite(found.v[-1]),
+        budget=None if first is None else finite(found.budget[first + 1 :].sum()),
+        may_rise_by=standing_causes(recording.scenario),
+        rises=[
+            RiseOfV(
+                begin_s=rise.begin_s,
+                end_s=rise.end_s,
+                gain=finite(rise.gain),
+                relative_gain=finite(rise.relative_gain),
+                causes=rise.causes,
+            )
+            for rise in rises(recording, found)
+        ],
+    )
