@@ -1,4 +1,4 @@
-"""The command ``formnet``; :mod:`lab.runs.exits` has its exit codes.
+"""The command ``formnet``; :mod:`formnet.lab.runs.exits` has its exit codes.
 
 A command's module (``lab/commands/<folder>/<name>.py``) is imported when the command is called,
 asked for its help or completed: ``--help`` answers from the table here, at once.

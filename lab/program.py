@@ -27,7 +27,7 @@ def _end(_: int, frame: FrameType | None) -> None:
 
 
 def main() -> NoReturn:
-    """Run the command line; the exit codes are those of :mod:`lab.runs.exits`."""
+    """Run the command line; the exit codes are those of :mod:`formnet.lab.runs.exits`."""
     for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(kind) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(kind, _end)

@@ -1,6 +1,6 @@
 """``[[timeline]]``: what happens in a run, and when.
 
-What befalls robots is in :mod:`formation.plan.roster`. Each action on links says what it
+What befalls robots is in :mod:`formnet.formation.plan.roster`. Each action on links says what it
 does to one directed link (``effect``); links apply their own at the receiving robot, by
 the stamps of messages, so that a distributed run and an inline one agree to the bit.
 """

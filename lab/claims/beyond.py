@@ -34,13 +34,13 @@ def remark_6() -> Iterator[Claim]:
     two_parts = with_edges(((1, 2), (3, 4), (4, 5)))
     yield claim_of(
         "two-parts",
-        "a graph of two parts, some μ > 0 in each",
+        "a graph with two components, some μ > 0 in each",
         "Remark 6",
         [Case("two-parts", DELAYED, (two_parts, *with_damping(1, 3)), ALL_HOLD)],
     )
     yield claim_of(
         "too-little-damping",
-        "no communication, or two parts, and one robot with μ > 0",
+        "no communication, or two components, and one robot with μ > 0",
         "Remark 6, converse",
         [
             Case("no-links", DELAYED, (with_edges(()),), APART),
@@ -61,15 +61,15 @@ def remark_9() -> Iterator[Claim]:
     cases = [_killed(edges, robot, 2) for edges in (PATH, STAR) for robot in range(1, 6)]
     yield Claim(
         "killed-path-star",
-        "each robot killed in turn at 2 s, on a path and on a star, unless it holds the graph "
-        "together (the damped one without delays)",
+        "each robot killed in turn at 2 s, on a path and on a star, unless it is a cut vertex "
+        "(the damped one without delays)",
         "Remark 9",
         "Eqs. 3, 4 hold for the rest, which is connected; Eq. 5 if damping remains",
         tuple(case for case in cases if case.expected != APART),
     )
     yield Claim(
         "killed-cut-vertex",
-        "a robot that holds the graph together killed at 2 s, on the path and the star",
+        "a cut vertex killed at 2 s, on the path and the star",
         "Remark 9, converse",
         "Eqs. 3, 4, 5 do not",
         tuple(case for case in cases if case.expected == APART),
@@ -77,7 +77,7 @@ def remark_9() -> Iterator[Claim]:
     yield claim_of(
         "killed-held",
         "each robot killed at 2 s, neighbours hold its last state for ever",
-        "Remark 9 says nothing of it",
+        "not covered by Remark 9",
         [
             Case(f"robot-{robot}", DELAYED, (with_kill(robot, 2), "neighbours.on_silence=hold"))
             for robot in range(1, 6)
@@ -151,7 +151,7 @@ def networks() -> Iterator[Claim]:
     )
     yield claim_of(
         "random-delay",
-        "random delay of 0 to 0.3 s, the latest used as it comes",
+        "random delay of 0 to 0.3 s, the latest used on arrival",
         "beyond the theorems",
         [Case("latest", DELAYED, (uniform,))],
     )

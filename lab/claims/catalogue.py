@@ -37,8 +37,8 @@ def catalogue() -> list[Claim]:
 
 def _theorems() -> Iterator[Claim]:
     words = {
-        1: "kinematic, no damping: formation and headings agree, the centroid need not come home",
-        2: "kinematic, some μ > 0: the centroid comes home too",
+        1: "kinematic, no damping: formation and headings converge, the centroid need not",
+        2: "kinematic, some μ > 0: the centroid converges too",
         3: "dynamic, uncertain mass and inertia, no damping: as Theorem 1",
         4: "dynamic, uncertain mass and inertia, some μ > 0: as Theorem 2",
         5: "kinematic, constant delays: as Theorem 2",
@@ -49,7 +49,7 @@ def _theorems() -> Iterator[Claim]:
         case = Case(f"theorem{number}", f"paper/theorem{number}.toml", (), expected)
         yield claim_of(f"theorem-{number}", says, f"Theorem {number}", [case])
     for key, name, figures in (("figures-4-5", SECTION5, "4, 5"), ("figures-6-7", DELAYED, "6, 7")):
-        says = "five robots come into the pattern and their headings agree"
+        says = "five robots reach the pattern with equal headings"
         says += ", delays of 0.1 s" if name == DELAYED else ""
         cases = [Case(key, name, (), ALL_HOLD)]
         yield claim_of(key, says, f"Section 5, Figures {figures}", cases)
@@ -214,7 +214,7 @@ def _parameters() -> Iterator[Claim]:
     factors = ((0.5, 0.5), (0.5, 4.0), (1.0, 1.0), (2.0, 0.5), (4.0, 0.5), (4.0, 4.0))
     yield claim_of(
         "wrong-estimates",
-        "mass and inertia believed to be 0.5 to 4 times what they are",
+        "estimated mass and inertia 0.5 to 4 times the true values",
         "Theorem 6",
         [
             Case(

@@ -21,7 +21,7 @@ def extremes_told(details: Mapping[str, Any]) -> dict[str, str]:
     """The extremes of a motion, each in words, by what it is of; without those there are not.
 
     Raises:
-        ValueError: ``details`` are not those of :meth:`plant.extremes.Extremes.details`.
+        ValueError: ``details`` are not those of :meth:`formnet.plant.extremes.Extremes.details`.
     """
     try:
         return dict(_extreme(what, some) for what, some in details.items() if some is not None)

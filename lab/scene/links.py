@@ -132,7 +132,7 @@ def _cuts(timeline: Timeline) -> tuple[Array, Array]:
 def both_ways(scenario: Scenario, edge_bows: Array) -> Array:
     """How far each directed link bends, (links,), given how far each edge does, (edges,).
 
-    See :func:`lab.figures.canvas.bows`.
+    See :func:`formnet.lab.figures.canvas.bows`.
     """
     both = {}
     for (first, second), bow in zip(scenario.formation.edges, edge_bows, strict=True):

@@ -15,7 +15,7 @@ from formnet.lab.runs.words import named, times
 
 
 class Scene(Protocol):
-    """What draws a run while it goes on, such as :class:`lab.scene.rrd.RunFile`."""
+    """What draws a run while it goes on, such as :class:`formnet.lab.scene.rrd.RunFile`."""
 
     def take(self, record: Record) -> None:
         """Take one record, from any thread."""

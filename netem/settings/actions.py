@@ -1,4 +1,4 @@
-"""What can be done to a link at an instant, beside a :class:`netem.settings.ramp.Ramp`."""
+"""What can be done to a link at an instant, beside a :class:`formnet.netem.settings.ramp.Ramp`."""
 
 from dataclasses import dataclass
 

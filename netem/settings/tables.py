@@ -1,7 +1,7 @@
 """The tables of a link's settings, but for those of delay and loss, which come in kinds.
 
 Each says in :meth:`StageTable.stages` which impairments it turns on, by the names that
-:data:`netem.settings.links.PIPELINE` puts in order.
+:data:`formnet.netem.settings.links.PIPELINE` puts in order.
 """
 
 from collections.abc import Callable, Mapping

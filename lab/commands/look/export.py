@@ -99,7 +99,7 @@ def _write_csv(table: pa.Table, file: Path) -> None:
 
 
 def write_mcap(run: Recorded, file: Path) -> None:
-    """One MCAP file (:mod:`lab.scene.foxglove`).
+    """One MCAP file (:mod:`formnet.lab.scene.foxglove`).
 
     Raises:
         RunExists: ``file`` exists.
