@@ -13,12 +13,14 @@ demo: $(VENV)/.base
 
 build: $(VENV)/.base
 
-test: check docs
-	$(BIN)/pytest
+STARTS_SOMETHING := processes or browser or namespaces
+
+test: check docs quick
+	$(BIN)/pytest -m '$(STARTS_SOMETHING)'
 
 # Everything that needs no other process, browser or namespace.
 quick: $(VENV)/.test
-	$(BIN)/pytest -m 'not (processes or browser or namespaces)'
+	$(BIN)/pytest -n 2 -m 'not ($(STARTS_SOMETHING))'
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

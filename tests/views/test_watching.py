@@ -211,10 +211,11 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
     scene = RunFile(tmp_path, scenario)
     for start in range(0, 20001, 1000):
         ticks = range(start, min(start + 1000, 20001))
+        states = iter(random.normal(size=(len(ticks) * 40, 5)).tolist())
         scene.take(
             Samples(
                 [
-                    Sample(tick * 10**7, robot, *random.normal(size=5), None, None)
+                    Sample(tick * 10**7, robot, *next(states), None, None)
                     for tick in ticks
                     for robot in scenario.ids
                 ]
