@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test quick check docs reference bench clean
+.PHONY: demo build test quick prove check docs reference bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
@@ -21,6 +21,11 @@ test: check docs quick
 # Everything that needs no other process, browser or namespace.
 quick: $(VENV)/.test
 	$(BIN)/pytest -n 2 -m 'not ($(STARTS_SOMETHING))'
+
+# Long proofs, an hour or more, of what is committed; their results go into docs/proofs.
+# Part of them: make prove PROVE="nemesis --seed 7 --schedules 100"
+prove: $(VENV)/.test
+	PYTHONPATH=tests $(BIN)/python -m proofs.prove $(PROVE)
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .
