@@ -123,7 +123,16 @@ def _of_all(hashes: Iterable[str]) -> dict[str, str]:
 
 
 def main() -> int:
-    """Do the proofs that are asked for; the exit code."""
+    """The exit code of what is asked for."""
+    try:
+        return prove()
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def prove() -> int:
+    """Do the proofs that are asked for; 0, 1 or 130. Raises ValueError: the tree is a changed one."""
     parser = argparse.ArgumentParser(prog="make prove", description=__doc__)
     parser.add_argument("proofs", nargs="*", metavar="PROOF", help=f"of {', '.join(PROOFS)}")
     parser.add_argument("--seed", type=int, default=secrets.randbits(31), help="a new one")
@@ -137,11 +146,7 @@ def main() -> int:
     if words.seed < 0 or words.schedules < 1 or words.messages < 1:
         parser.error("--seed must not be negative, --schedules and --messages must be at least 1")
     asked = Asked(words.seed, words.schedules, words.messages, words.duration)
-    try:
-        tree = clean_tree(ROOT)
-    except ValueError as error:
-        print(error, file=sys.stderr)
-        return 2
+    tree = clean_tree(ROOT)
     failed = False
     for name in words.proofs or PROOFS:
         print(f"{name}: seed {asked.seed}, tree {tree}", flush=True)
@@ -150,6 +155,8 @@ def main() -> int:
             found = PROOFS[name](asked, stopped.is_set)
             if stopped.is_set():
                 return 130
+        if clean_tree(ROOT) != tree:
+            raise ValueError(f"{name}: another tree was checked out meanwhile")
         result = Result(
             proof=name,
             tree=tree,
