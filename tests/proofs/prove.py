@@ -26,6 +26,7 @@ from formnet.formation.scenario.loading import load
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.work import Work, cost, do
 from formnet.lab.launch import pool
+from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.nemesis.schedule import draw
 from formnet.lab.nemesis.trial import Trial, tried
@@ -66,9 +67,10 @@ def nemesis(asked: Asked, stopped: pool.Stopped) -> Found:
         scenario = load(CONFIGS / "paper" / f"{name}.toml", changes)
         seed = asked.seed + number
         episodes = draw(scenario, seed, CHAOS_SHARE * scenario.duration_s)
-        trials.append(Trial(scenario, seed, episodes, number % EVERY != 0, True, LIMIT_S))
-    alone = [trial for trial in trials if not trial.inline]
-    inline = [trial for trial in trials if trial.inline]
+        engine: EngineName = "inline" if number % EVERY else "distributed"
+        trials.append(Trial(scenario, seed, episodes, engine, True, LIMIT_S))
+    alone = [trial for trial in trials if trial.engine == "distributed"]
+    inline = [trial for trial in trials if trial.engine == "inline"]
     done = chain(pool.in_turn(tried, alone, stopped), pool.at_once(tried, inline, stopped))
     found = {trial.seed: finding for trial, finding in done}
     failures = [f"seed {seed}: {text}" for seed in sorted(found) for text in found[seed].problems]
@@ -95,7 +97,7 @@ def claims(asked: Asked, stopped: pool.Stopped) -> Found:
     """Every run of every claim of the paper ends as is claimed."""
     with TemporaryDirectory() as place:
         work = [
-            Work(claim.key, case, Path(place) / claim.key / case.name, True)
+            Work(claim.key, case, Path(place) / claim.key / case.name, "inline")
             for claim in catalogue()
             for case in claim.cases
         ]
