@@ -6,19 +6,26 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test quick check docs reference bench clean
+.PHONY: demo build test quick prove check docs reference bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
 
 build: $(VENV)/.base
 
-test: check docs
-	$(BIN)/pytest
+STARTS_SOMETHING := processes or browser or namespaces
+
+test: check docs quick
+	$(BIN)/pytest -m '$(STARTS_SOMETHING)'
 
 # Everything that needs no other process, browser or namespace.
 quick: $(VENV)/.test
-	$(BIN)/pytest -m 'not (processes or browser or namespaces)'
+	$(BIN)/pytest -n 2 -m 'not ($(STARTS_SOMETHING))'
+
+# Long proofs, an hour or more, of what is committed; their results go into docs/proofs.
+# Part of them: make prove PROVE="nemesis --seed 7 --schedules 100"
+prove: $(VENV)/.test
+	PYTHONPATH=tests $(BIN)/python -m proofs.prove $(PROVE)
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

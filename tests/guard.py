@@ -78,6 +78,15 @@ class Guard:
             self.test = None
 
     @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_teardown(self) -> Generator[None, Any, Any]:
+        """Let fixtures end what they began: the last test of a module ends that of all others."""
+        test, self.test = self.test, None
+        try:
+            return (yield)
+        finally:
+            self.test = test
+
+    @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self) -> Generator[None, Any, Any]:
         """Fail a test that has caught the refusal, or met it in a thread."""
         result = yield

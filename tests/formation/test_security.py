@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from click.testing import CliRunner
+from command_line import formnet
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
@@ -23,7 +23,6 @@ from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.record import Event, Samples, read
 from formnet.formation.wire.security import MONITOR, PLANT, Credentials, KeysError, robot_name
-from formnet.lab.cli import main
 from formnet.lab.launch.launch import Launch, Place, free_port
 from formnet.lab.launch.refusals import MANY
 from formnet.lab.machines import keys
@@ -32,12 +31,6 @@ from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.verdict.model import judge
 
 PATIENCE_S = 1.0
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 @pytest.fixture(scope="module")

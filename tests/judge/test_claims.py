@@ -8,7 +8,7 @@ import time
 
 import networkx as nx
 import pytest
-from click.testing import CliRunner
+from command_line import formnet
 from matplotlib.figure import Figure
 from verdicts import made
 
@@ -20,7 +20,6 @@ from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, Result, Row
-from formnet.lab.cli import main
 from formnet.lab.commands.many import claims as command
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
@@ -33,12 +32,6 @@ SCENARIOS = {
     for claim in CLAIMS.values()
     for case in claim.cases
 }
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 def graph_of(scenario, without=()):

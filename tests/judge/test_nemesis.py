@@ -6,14 +6,13 @@ from copy import deepcopy
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from command_line import formnet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.record import Event
-from formnet.lab.cli import main
 from formnet.lab.commands.many import nemesis as command
 from formnet.lab.launch import inline
 from formnet.lab.launch.inline import Inline
@@ -27,12 +26,6 @@ from formnet.netem.settings.timeline import NEVER
 
 MS = 1_000_000
 SEED = 11
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 # --- schedules --------------------------------------------------------------------------

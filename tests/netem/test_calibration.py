@@ -74,7 +74,9 @@ def correlation_on_a_grid(quantile, rho, lowest=-9.0):
     values = values / values.max()
     weights = stats.norm.pdf(scores) * step
     spread = math.sqrt(1.0 - rho * rho)
-    after = stats.norm.pdf(scores[None, :], rho * scores[:, None], spread) @ values * step
+    apart = (scores[None, :] - rho * scores[:, None]) / spread
+    density = np.exp(-0.5 * apart * apart) / (spread * math.sqrt(2.0 * math.pi))
+    after = density @ values * step
     mean = weights @ values
     return float(((weights * values) @ after - mean**2) / (weights @ values**2 - mean**2))
 

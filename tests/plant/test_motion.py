@@ -7,11 +7,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from command_line import formnet
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.record import Event, Outcome
-from formnet.lab.cli import main
 from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis import trial
 from formnet.lab.pages.report import write_report
@@ -35,12 +34,6 @@ WORDS = {
     "top torque": "1173 N m (robot 5, at 0.100 s)",
 }
 PAPER = CONFIGS / "paper"
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 def run(out, *overrides):

@@ -60,6 +60,16 @@ def test_a_refusal_that_the_code_under_test_catches_fails_the_test(request):
     guard.refused = None
 
 
+@pytest.fixture
+def ended_by_a_program():
+    yield
+    assert subprocess.run([sys.executable, "-c", ""]).returncode == 0
+
+
+def test_a_fixture_may_start_what_ends_it(ended_by_a_program):
+    """The fixture of a module is ended with its last test, whatever that one is marked with."""
+
+
 @pytest.mark.processes
 def test_what_a_test_says_it_starts_it_may_start():
     assert subprocess.run([sys.executable, "-c", ""]).returncode == 0

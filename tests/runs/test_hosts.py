@@ -194,6 +194,7 @@ def left_on(network, host):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path):
     """And the hosts stand in the scenario here."""
     hosts = (network.folder / "hosts.toml").read_text()
@@ -234,6 +235,7 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_real_time_over_three_hosts(start):
     process, out = start("yard.toml", "duration_s=5.0")
     said, _ = process.communicate(timeout=90)
@@ -246,6 +248,7 @@ def test_real_time_over_three_hosts(start):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 @pytest.mark.parametrize("scenario", ["paper/section5-delay.toml", "yard.toml"])
 def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, network, scenario):
     cut = 'timeline=[{action="cut", at_s=0.5, links=[[1, 2]], heal_after_s=0.1}]'
@@ -267,6 +270,7 @@ def test_a_host_whose_interface_goes_down_is_named_and_the_rest_run_on(start, ne
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_faults_reach_robots_on_other_hosts(start, tmp_path):
     faults = (
         "duration_s=2.0",
@@ -300,6 +304,7 @@ def test_faults_reach_robots_on_other_hosts(start, tmp_path):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_a_host_that_cannot_be_reached_ends_the_run(start, network, tmp_path):
     text = (network.folder / "hosts.toml").read_text()
     other = network.folder / "hosts.toml"
@@ -359,6 +364,7 @@ def python_that(tmp_path, name, code):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_the_doctor_finds_nothing_where_all_is_well(network):
     code, said = doctor(network)
     assert code == 0, said
@@ -369,6 +375,7 @@ def test_the_doctor_finds_nothing_where_all_is_well(network):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
     late = python_that(tmp_path, "late", "import time\nt = time.time\ntime.time = lambda: t() - 2")
     old = python_that(
@@ -397,6 +404,7 @@ def test_the_doctor_names_what_is_wrong_and_the_remedy(network, tmp_path):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_the_doctor_tries_the_port_and_the_way_in(network):
     listen = f"tls/{network.here}:7447"
     code, said = doctor(
@@ -416,6 +424,7 @@ def test_the_doctor_tries_the_port_and_the_way_in(network):
 
 
 @pytest.mark.namespaces
+@pytest.mark.processes
 def test_the_doctor_sees_expired_and_foreign_certificates(network, tmp_path, monkeypatch):
     place = tmp_path / "keys"
     keys.make(place, [1, 2], [], 1)  # another authority's

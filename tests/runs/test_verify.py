@@ -7,22 +7,15 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from command_line import formnet
 
 from formnet.formation.wire.record import LinkRow, Outcome, Sample
-from formnet.lab.cli import main
 from formnet.lab.commands.look import verify
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.difference import first_difference
 from formnet.lab.scenarios.packaged import CONFIGS
 
 SHORT = ("duration_s=0.5", "network.default.loss.probability=0.1")
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from command_line import formnet
 from verdicts import made
 
 from formnet.formation.briefing.resolving import resolve
@@ -40,12 +41,6 @@ SHORT = (
     'timeline=[{at_s=0.1, action="cut", links=[[1, 2]], heal_after_s=0.05}, '
     '{at_s=0.2, action="kill", robots=[4]}]',
 )
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 def run(out, *overrides):

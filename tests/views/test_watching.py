@@ -13,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 import rerun as rr
-from click.testing import CliRunner
+from command_line import formnet
 from conftest import missing
 from playwright.sync_api import sync_playwright
 from rerun.chunk import RrdReader
@@ -22,7 +22,6 @@ from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.record import LinkRow, LinkRows, Outcome, Sample, Samples
-from formnet.lab.cli import main
 from formnet.lab.launch.distributed import Distributed
 from formnet.lab.launch.launch import LocalChild, Place, free_port
 from formnet.lab.machines import keys
@@ -46,12 +45,6 @@ def until(condition):
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.02)
-
-
-def formnet(*arguments):
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result.exit_code, " ".join(result.output.split())
 
 
 def columns(file, entity, component):
@@ -211,10 +204,11 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
     scene = RunFile(tmp_path, scenario)
     for start in range(0, 20001, 1000):
         ticks = range(start, min(start + 1000, 20001))
+        states = iter(random.normal(size=(len(ticks) * 40, 5)).tolist())
         scene.take(
             Samples(
                 [
-                    Sample(tick * 10**7, robot, *random.normal(size=5), None, None)
+                    Sample(tick * 10**7, robot, *next(states), None, None)
                     for tick in ticks
                     for robot in scenario.ids
                 ]
