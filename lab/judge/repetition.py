@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from formnet.formation.wire.record import Sample
+from formnet.formation.records.rows import Sample
 from formnet.lab.judge.verdict import versions
 from formnet.lab.runs.difference import Difference, first_difference, other_extremes
 from formnet.lab.runs.recorded import Recorded

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from formnet.formation.paper.geometry import Errors, errors
 from formnet.formation.paper.theory import CLAIMS, assess
+from formnet.formation.records.events import Lost, Refused, Rejected, Timing
 from formnet.formation.scenario.expect import Expect
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import lyapunov
@@ -85,7 +86,7 @@ def of(
             "lost": [
                 {"t_s": event.t_ns / 1e9, **event.details}
                 for event in recording.events
-                if event.kind == "lost"
+                if isinstance(event, Lost)
             ],
         },
         "warnings": list(warnings),
@@ -109,7 +110,7 @@ def of(
         "simulated_s": simulated_s,
         "wall_s": wall_s,
         "realtime_factor": simulated_s / wall_s if wall_s > 0 else None,
-        "realtime": next((e.details for e in recording.events if e.kind == "timing"), None),
+        "realtime": next((e.details for e in recording.events if isinstance(e, Timing)), None),
         "versions": versions(),
     }
 
@@ -296,9 +297,8 @@ def rejections(recording: Collected) -> dict[tuple[Any, Any, str], int]:
     """How many messages each receiver refused, by receiver, source and reason."""
     found: dict[tuple[Any, Any, str], int] = {}
     for event in recording.events:
-        if event.kind == "rejected":
-            details = event.details
-            found[details["robot"], details["source"], details["reason"]] = details["times"]
+        if isinstance(event, Rejected):
+            found[event.robot, event.source, event.reason] = event.times
     return found
 
 
@@ -320,9 +320,9 @@ def _messages(recording: Collected) -> dict[str, Any]:
 def _refused(recording: Collected) -> list[dict[str, Any]]:
     """Who was denied which key by the hub's access control, and how often, at least."""
     times = {
-        (event.details["who"], event.details["key"]): event.details["times"]
+        (event.who, event.key): event.times
         for event in recording.events
-        if event.kind == "refused"
+        if isinstance(event, Refused)
     }
     return [{"who": who, "key": key, "times": count} for (who, key), count in times.items()]
 

@@ -7,9 +7,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from formnet.formation.paper.theory import of_the_paper
+from formnet.formation.records.events import named
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import claim_words, verdict
-from formnet.lab.runs.words import named, times, told
+from formnet.lab.runs.words import motion_told, times
 from formnet.lab.text.tables import Column, output, table
 
 
@@ -84,8 +85,9 @@ def timing_table(timing: dict[str, Any], sync_bound_s: float) -> Table:
 def summarise(console: Console, scenario: Scenario, judged: dict[str, Any]) -> None:
     """Print how a run ended: what went wrong, how well it kept time, and what became of it."""
     outcome = judged["outcome"]
-    if judged["motion"] is not None:
-        console.print(told("extremes", judged["motion"]), soft_wrap=True)
+    if moved := motion_told(judged):
+        words = "; ".join(f"{title} {value}" for title, value in moved.items())
+        console.print(words, soft_wrap=True)
     if outcome["kind"] != "completed":
         who = "" if outcome["robot"] is None else f" robot {outcome['robot']}:"
         console.print(

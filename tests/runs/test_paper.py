@@ -7,7 +7,7 @@ import pytest
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.geometry import rotated
 from formnet.formation.paper.theory import CLAIMS
-from formnet.formation.wire.record import Samples
+from formnet.formation.records.rows import Samples
 from formnet.lab.judge import verdict
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Recording, Trajectories
