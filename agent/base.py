@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from formnet.agent.law import RAISED, Command, Law, failure
 from formnet.formation.briefing.plan import RobotPlan
 from formnet.formation.plan.roster import Roster
+from formnet.formation.records.rows import LinkRow
 from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import Drive, Rejected
-from formnet.formation.wire.record import LinkRow
 from formnet.formation.wire.state import Stamped, State
 from formnet.formation.wire.tuples import make
 from formnet.netem.core.transit import IN_FLIGHT, Transit

@@ -13,8 +13,9 @@ from pathlib import Path
 
 from benchmarks.table import BenchmarkError
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.events import LastTick, Started
+from formnet.formation.records.stream import Record, Sink
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import Event, Record, Sink
 from formnet.lab.launch.launch import Begun, Launch
 
 START_S, TICK_S = 60.0, 0.05
@@ -30,9 +31,9 @@ class _Clock:
         self.ended_s: float | None = None
 
     def __call__(self, record: Record) -> None:
-        if isinstance(record, Event) and record.kind == "started":
+        if isinstance(record, Started):
             self.started_s = time.perf_counter()
-        elif isinstance(record, Event) and record.kind == "last tick":
+        elif isinstance(record, LastTick):
             self.ended_s = time.perf_counter()
         self._also(record)
 

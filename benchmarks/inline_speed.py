@@ -10,8 +10,8 @@ from benchmarks.plan import Plan
 from benchmarks.scenarios import section5
 from benchmarks.table import BenchmarkError, Row, Target
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import Record
 from formnet.lab.launch.inline import Inline
 
 REAL_TIME = Target(">=", 10.0)

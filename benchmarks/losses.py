@@ -20,10 +20,11 @@ from benchmarks.plan import LEAST_TICKS, Plan
 from benchmarks.scenarios import SECTION5
 from benchmarks.table import BenchmarkError, Row
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.events import Lost
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.broadcast import HELLO, Envelope
-from formnet.formation.wire.record import Event, Record
 from formnet.lab.launch.launch import Launch
 from formnet.netem.settings.timeline import NEVER
 
@@ -103,8 +104,8 @@ class _Seen:
 
     def take(self, record: Record) -> None:
         """A sink."""
-        if isinstance(record, Event) and record.kind == "lost":
-            self.gone_tick = record.details["tick"]
+        if isinstance(record, Lost):
+            self.gone_tick = record.tick
 
     def hear(self, sample: zenoh.Sample) -> None:
         """A subscriber's callback."""

@@ -16,9 +16,11 @@ from benchmarks.plan import Plan
 from benchmarks.scenarios import ring_toml
 from benchmarks.table import BenchmarkError, Row, Target
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.events import Timing
+from formnet.formation.records.rows import LinkRows
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import loads
 from formnet.formation.wire import bus
-from formnet.formation.wire.record import Event, LinkRows, Record
 from formnet.lab.launch.launch import Launch
 
 SIZES = (5, 10, 20, 40)
@@ -108,7 +110,7 @@ class _Timing:
         self._delays_ns: list[int] = []
 
     def __call__(self, record: Record) -> None:
-        if isinstance(record, Event) and record.kind == "timing":
+        if isinstance(record, Timing):
             self._details = record.details
         elif isinstance(record, LinkRows):
             self._delays_ns += [

@@ -16,8 +16,10 @@ sweep).
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import hypot, inf, isfinite, nextafter
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
+from formnet.formation.records import events
+from formnet.formation.records.motion import Closest, TopSpeed, TopTorque, TopTurnRate
 from formnet.formation.wire.state import State
 
 _ROUNDING: Final = 4e-15
@@ -107,21 +109,32 @@ class Extremes:
                 return
         self._command = Extreme(size, t_ns, [robot])
 
-    def details(self) -> dict[str, Any]:
-        """As in an event: instants in seconds; None for what there is not (a distance of one)."""
-        closest = self._closest
-        return {
-            "closest": None
+    def event(self, t_ns: int) -> events.Extremes:
+        """As an event at ``t_ns``; None for what there is not (a distance of one)."""
+        closest, speed, turn_rate, command = (
+            self._closest,
+            self._speed,
+            self._turn_rate,
+            self._command,
+        )
+        top_command: TopTorque | TopSpeed | None = None
+        if command.robots and self._dynamic:
+            top_command = TopTorque(command.value, command.robots[0], command.t_ns / 1e9)
+        elif command.robots:
+            top_command = TopSpeed(command.value, command.robots[0], command.t_ns / 1e9)
+        return events.Extremes(
+            t_ns,
+            closest=None
             if closest.value == inf
-            else {
-                "distance_m": closest.value,
-                "robots": closest.robots,
-                "t_s": closest.t_ns / 1e9,
-            },
-            "top_speed": _told("speed_mps", self._speed),
-            "top_turn_rate": _told("turn_rate_radps", self._turn_rate),
-            "top_command": _told("torque_nm" if self._dynamic else "speed_mps", self._command),
-        }
+            else Closest(closest.value, (closest.robots[0], closest.robots[1]), closest.t_ns / 1e9),
+            top_speed=TopSpeed(speed.value, speed.robots[0], speed.t_ns / 1e9)
+            if speed.robots
+            else None,
+            top_turn_rate=TopTurnRate(turn_rate.value, turn_rate.robots[0], turn_rate.t_ns / 1e9)
+            if turn_rate.robots
+            else None,
+            top_command=top_command,
+        )
 
     def _look(self, t_ns: int, diagonal_m: float) -> None:
         """Compare the pairs that may be closer than ever; of equal ones the first counts."""
@@ -170,9 +183,3 @@ class Extremes:
         states, ids = self._before, self._ids
         here, there = states[ids[one]], states[ids[other]]
         return hypot(here[0] - there[0], here[1] - there[1])
-
-
-def _told(name: str, extreme: Extreme) -> dict[str, Any] | None:
-    if not extreme.robots:
-        return None
-    return {name: extreme.value, "robot": extreme.robots[0], "t_s": extreme.t_ns / 1e9}

@@ -11,12 +11,17 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from math import inf
 from typing import Any, NamedTuple
 
 import zenoh
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records import events
+from formnet.formation.records.outcome import Outcome, OutcomeKind
+from formnet.formation.records.rows import LinkRows, Samples
+from formnet.formation.records.stream import Record, Streamed
 from formnet.formation.wire import bus
 from formnet.formation.wire.messages import (
     PLANT,
@@ -31,7 +36,6 @@ from formnet.formation.wire.messages import (
     Rejected,
     encode,
 )
-from formnet.formation.wire.record import Event, LinkRows, Outcome, Record, Samples, Streamed
 from formnet.plant.extremes import Extremes
 
 PATIENCE_S = 1.0
@@ -137,7 +141,7 @@ class Host:
         try:
             self._gather()
             began = True
-            self._sink(Event("started", 0, {"robots": list(self._plan.ids)}))
+            self._sink(events.Started(0, self._plan.ids))
             gc.freeze()  # what start-up has made stays; do not scan it again and again
             self._go()
             raise AssertionError("a run ends by raising")
@@ -146,14 +150,14 @@ class Host:
         with self._lock:
             self._running = False
         self._wind_up()
-        self._sink(Event("last tick", outcome.t_ns, {}))
+        self._sink(events.LastTick(outcome.t_ns))
         outcome = self._farewell(outcome)
         self._report()
         self._last_words()
         if began:
             with self._lock:
-                extremes = self._extremes().details()
-            self._sink(Event("extremes", outcome.t_ns, extremes))
+                extremes = self._extremes().event(outcome.t_ns)
+            self._sink(extremes)
         self._sink(outcome)
         return outcome
 
@@ -253,7 +257,7 @@ class Host:
 
     def _complain(self, what: str, robots: list[int]) -> None:
         """Say on whom the run waits."""
-        self._sink(Event("waiting", self._t_ns(), {"for": what, "robots": robots}))
+        self._sink(events.Waiting(self._t_ns(), what, tuple(robots)))
 
     def _brief(self, robot: int, tick: int, neighbours: list[int]) -> Brief:
         """What a robot is told that takes part from ``tick`` on."""
@@ -265,10 +269,13 @@ class Host:
             raise Ended(message)
         if isinstance(message, Vanished) and message.robot in self._joined:
             self._lose(message.robot, VANISHED)
-        if isinstance(message, Samples | LinkRows | Event):
+        if isinstance(message, Samples | LinkRows | events.Event):
             self._sink(message)
         elif isinstance(message, Links):
-            if all(row.destination == message.robot for row in message.rows):
+            heard = self._plan.neighbours_of[message.robot]
+            if all(
+                row.destination == message.robot and row.source in heard for row in message.rows
+            ):
                 self._sink(LinkRows(message.rows))
             else:
                 self._refuse(message.robot, "tells fates on others' links")
@@ -276,16 +283,16 @@ class Host:
             self._complaints[message.robot] += 1
             if self._complaints[message.robot] > MOST_COMPLAINTS:
                 return
+            if message.source not in self._to_robots and message.source != PLANT:
+                self._refuse(message.robot, "tells of messages from nobody")
+                return
             self._sink(
-                Event(
-                    "rejected",
+                events.Rejected(
                     self._t_ns(),
-                    {
-                        "robot": message.robot,
-                        "source": "plant" if message.source == PLANT else message.source,
-                        "reason": message.reason,
-                        "times": message.times,
-                    },
+                    robot=message.robot,
+                    source="plant" if message.source == PLANT else message.source,
+                    reason=message.reason,
+                    times=message.times,
                 )
             )
         elif isinstance(message, Failed):
@@ -313,7 +320,7 @@ class Host:
             if message is None:
                 if time.monotonic() - since < patience_s:
                     continue
-                self._sink(Event("silent at the end", self._t_ns(), {"robots": sorted(leaving)}))
+                self._sink(events.SilentAtTheEnd(self._t_ns(), tuple(sorted(leaving))))
                 return self._miss(sorted(leaving), outcome)
             since, heard = time.monotonic(), heard + 1
             if isinstance(message, End):
@@ -321,7 +328,7 @@ class Host:
             elif isinstance(message, Failed):  # it says nothing more
                 leaving.discard(message.robot)
                 if outcome.kind == "failed" and self._is_before(message.robot, outcome.robot):
-                    outcome = outcome._replace(robot=message.robot, reason=message.error)
+                    outcome = replace(outcome, robot=message.robot, reason=message.error)
             elif isinstance(message, Outcome):
                 hasty = hasty or message.kind == "interrupted"
             elif not isinstance(message, Turn | Vanished):
@@ -337,7 +344,7 @@ class Host:
     def _tell(self, robot: int, message: Message) -> None:
         self._to_robots[robot].put(encode(message))
 
-    def _outcome(self, kind: str, robot: int | None, reason: str) -> Outcome:
+    def _outcome(self, kind: OutcomeKind, robot: int | None, reason: str) -> Outcome:
         return Outcome(kind, self._t_ns(), robot, reason)
 
     # --- Zenoh's threads -------------------------------------------------------------
@@ -366,8 +373,7 @@ class Host:
         self._refused[robot, reason] += 1
         count = self._refused[robot, reason]
         if count & (count - 1) == 0:
-            details = {"robot": "plant", "source": robot, "reason": reason, "times": count}
-            self._inbox.put(Event("rejected", self._t_ns(), details))
+            self._inbox.put(events.Rejected(self._t_ns(), "plant", robot, reason, count))
 
     def _on_robot_liveliness(self, sample: zenoh.Sample) -> None:
         robot = bus.last_number(sample.key_expr)

@@ -10,6 +10,10 @@ from collections.abc import Callable, Mapping
 import zenoh
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records import events
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRows, Samples
+from formnet.formation.records.stream import Stir, Streamed
 from formnet.formation.wire.messages import (
     KILL,
     CatchUp,
@@ -23,7 +27,6 @@ from formnet.formation.wire.messages import (
     Waiting,
     encode,
 )
-from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.extremes import Extremes
 from formnet.plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
@@ -80,7 +83,7 @@ class LockstepPlant(Host):
 
     def _wind_up(self) -> None:
         if self._paused:  # to say their last they have to run
-            self._sink(Stir(sorted(self._paused), True))
+            self._sink(Stir(tuple(sorted(self._paused)), True))
 
     def _report(self) -> None:
         self._sink(Samples(self._world.take_samples()))
@@ -127,7 +130,7 @@ class LockstepPlant(Host):
             for _, verb, robots in world.happenings if world.tick > self._begun else []:
                 if verb == "kill":
                     self._dismiss(robots)
-                self._sink(Event(verb, world.t_ns, {"robots": robots}))
+                self._sink(events.planned(verb, world.t_ns, robots))
                 if verb == "kill":
                     self._paused.difference_update(robots)
                     self._wait("die", robots, self._is_dead, dying=True)
@@ -151,11 +154,12 @@ class LockstepPlant(Host):
         if world.tick >= self._stir_at:
             self._behind = {robot for robot in self._paused if robot in self._joined}
             stirred = sorted(self._behind)
-            self._sink(Stir(stirred, True))
+            self._sink(Stir(tuple(stirred), True))
             for robot in stirred:
                 self._tell(robot, CatchUp(robot, world.tick - 1))
             self._wait("catch up", stirred, self._has_caught_up)
-            self._sink(Stir([robot for robot in stirred if robot in self._paused], False))
+            again = tuple(robot for robot in stirred if robot in self._paused)
+            self._sink(Stir(again, False))
             self._stir_at = NEVER
         degree = max((len(self._plan.neighbours_of[r]) for r in self._paused), default=0)
         if degree:
@@ -195,7 +199,7 @@ class LockstepPlant(Host):
         """Have robots that are to be killed hand in their last reports."""
         stopped = [robot for robot in robots if robot in self._paused]
         if stopped:  # to say their last they have to run
-            self._sink(Stir(stopped, True))
+            self._sink(Stir(tuple(stopped), True))
         leaving = [robot for robot in robots if robot in self._joined]
         for robot in leaving:
             self._tell(robot, End(robot, KILL, self._world.tick - 1))
@@ -275,7 +279,7 @@ class LockstepPlant(Host):
         self._joined.discard(robot)
         self._paused.discard(robot)
         self._gone.append(gone)
-        self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": gone.tick}))
+        self._sink(events.Lost(t_ns, robot, why, gone.tick))
         for other in self._joined:
             self._tell(other, gone)
         if world.finished or world.tick > tick or not world.up:

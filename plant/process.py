@@ -10,9 +10,11 @@ from typing import IO
 import zenoh
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records.events import Event
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.stream import Streamed, writer
 from formnet.formation.wire import bus
 from formnet.formation.wire.process import on_stop
-from formnet.formation.wire.record import Event, Outcome, Streamed, writer
 from formnet.formation.wire.security import PLANT, Credentials
 from formnet.plant.lockstep import LockstepPlant
 from formnet.plant.realtime import RealtimePlant
@@ -89,7 +91,6 @@ def _sink(record: str | None) -> Iterator[Callable[[Streamed], None]]:
 
 
 def _tell(record: Streamed) -> None:
-    if isinstance(record, Event):
-        print(f"t = {record.t_ns / 1e9:.3f} s: {record.kind} {record.details}", file=sys.stderr)
-    elif isinstance(record, Outcome):
-        print(f"t = {record.t_ns / 1e9:.3f} s: {record.kind} {record.reason}", file=sys.stderr)
+    if isinstance(record, Event | Outcome):
+        t_s, what = record.t_ns / 1e9, " ".join(filter(None, (record.name, record.words)))
+        print(f"t = {t_s:.3f} s: {what}", file=sys.stderr)

@@ -7,11 +7,17 @@ goes wrong.
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import fields, replace
 from functools import partial
 
 import zenoh
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records import events
+from formnet.formation.records.events import PlantTiming, Quantiles, RobotTiming
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRows, Samples
+from formnet.formation.records.stream import Stir, Streamed
 from formnet.formation.wire.broadcast import HELLO, Envelope
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
@@ -27,7 +33,6 @@ from formnet.formation.wire.messages import (
     Timing,
     encode,
 )
-from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Stir, Streamed
 from formnet.formation.wire.sync import Spread
 from formnet.netem.core.wallclock import wake_punctually
 from formnet.netem.files.tables import nanoseconds
@@ -119,7 +124,7 @@ class RealtimePlant(Host):
                 raise Ended(self._completed())
 
     def _happen(self, verb: str, robots: list[int]) -> None:
-        self._sink(Event(verb, self._t_ns(), {"robots": robots}))
+        self._sink(events.planned(verb, self._t_ns(), robots))
         if verb in ("kill", "restart"):
             self._joined.difference_update(robots)
         if verb == "kill":
@@ -177,12 +182,14 @@ class RealtimePlant(Host):
             self._tell(robot, self._brief(robot, tick, []))
 
     def _note(self, timing: Timing) -> None:
+        if {len(timing.lateness_s), len(timing.transit_s)} - {0, len(fields(Quantiles))}:
+            self._refuse(timing.robot, "tells of its timing in other numbers than p50, p99, max")
+            return
         self._timings[timing.robot] = timing
         worst_s = max(self._worst_s.get(timing.robot, 0.0), timing.uncertainty_s)
         bound_s = self._plan.clock.sync_bound_s
         if worst_s > bound_s >= self._worst_s.get(timing.robot, 0.0):
-            details = {"robot": timing.robot, "uncertainty_s": worst_s, "bound_s": bound_s}
-            self._sink(Event("clock uncertain", self._t_ns(), details))
+            self._sink(events.ClockUncertain(self._t_ns(), timing.robot, worst_s, bound_s))
         self._worst_s[timing.robot] = worst_s
 
     def _miss(self, robots: list[int], outcome: Outcome) -> Outcome:
@@ -194,7 +201,7 @@ class RealtimePlant(Host):
                 continue
             why = f"nothing came from it after t = {driven_ns / 1e9:.3f} s"
             if self._aborts and outcome.kind == "completed":
-                return outcome._replace(kind="lost", robot=robot, reason=why)
+                return replace(outcome, kind="lost", robot=robot, reason=why)
             self._write_off(robot, why, outcome.t_ns, driven_ns)
         return outcome
 
@@ -212,14 +219,14 @@ class RealtimePlant(Host):
         self._joined.discard(robot)
         self._dead.add(robot)
         self._watch([robot])
-        self._sink(Event("lost", t_ns, {"robot": robot, "reason": why, "tick": tick}))
+        self._sink(events.Lost(t_ns, robot, why, tick))
 
     def _extremes(self) -> Extremes:
         return self._world.extremes
 
     def _wind_up(self) -> None:
         if self._paused:
-            self._sink(Stir(sorted(self._paused), True))
+            self._sink(Stir(tuple(sorted(self._paused)), True))
 
     def _report(self) -> None:
         with self._lock:
@@ -255,17 +262,17 @@ class RealtimePlant(Host):
         robots = {}
         for robot, timing in sorted(self._timings.items()):
             periods, missed = self._counts(robot)
-            robots[str(robot)] = {
-                "periods": periods,
-                "missed": missed,
-                "sense_to_drive_s": _named(self._latency_s[robot].summary()),
-                "woke_late_s": _named(timing.lateness_s),
-                "transit_s": _named(timing.transit_s),
-                "clock_offset_s": timing.offset_s,
-                "clock_uncertainty_s": self._worst_s[robot],
-            }
-        details = {"plant": {"woke_late_s": _named(self._lateness_s.summary())}, "robots": robots}
-        self._sink(Event("timing", self._t_ns(), details))
+            robots[robot] = RobotTiming(
+                periods=periods,
+                missed=missed,
+                sense_to_drive_s=Quantiles.of(self._latency_s[robot].summary()),
+                woke_late_s=Quantiles.of(timing.lateness_s),
+                transit_s=Quantiles.of(timing.transit_s),
+                clock_offset_s=timing.offset_s,
+                clock_uncertainty_s=self._worst_s[robot],
+            )
+        plant = PlantTiming(Quantiles.of(self._lateness_s.summary()))
+        self._sink(events.Timing(self._t_ns(), plant, robots))
 
     def _close(self, robot: int) -> None:
         """A life of ``robot`` is over."""
@@ -341,7 +348,3 @@ class RealtimePlant(Host):
             self._driven[robot] = number, now_ns
             self._world.drive(robot, now_ns, drive.right, drive.left)
             self._latency_s[robot].add((now_ns - sensed_ns) / 1e9)
-
-
-def _named(summary: list[float]) -> dict[str, float] | None:
-    return dict(zip(("p50", "p99", "max"), summary, strict=True)) if summary else None

@@ -9,7 +9,7 @@ import math
 
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.plan.roster import Happening, Roster
-from formnet.formation.wire.record import Sample
+from formnet.formation.records.rows import Sample
 from formnet.formation.wire.state import State, finite
 from formnet.netem.files.tables import nanoseconds
 from formnet.plant.body import Body, braked, driven, left_alone, steered

@@ -9,12 +9,14 @@ import threading
 import time
 from typing import Any
 
-import msgpack
 import zenoh
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records.events import Event
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.stream import Stir, Streamed, pack
+from formnet.formation.records.watching import History, pack_history, pack_numbered
 from formnet.formation.wire import bus
-from formnet.formation.wire.record import Event, Outcome, Stir, Streamed, pack
 
 LEAVE_S = 1.0
 """How long, after the run, watchers may take to hear of its end."""
@@ -41,7 +43,7 @@ class Watched:
             if isinstance(record, Event | Outcome):
                 self._told.append(packed)
             number, self._number = self._number, self._number + 1
-        self._publisher.put(msgpack.packb((number, packed)))
+        self._publisher.put(pack_numbered(number, packed))
 
     def take_leave(self) -> None:
         """Wait until nobody watches any more, who has heard of the end: not for long."""
@@ -55,6 +57,6 @@ class Watched:
 
     def _answer(self, query: zenoh.Query) -> None:
         with self._lock:
-            history = msgpack.packb((self._scenario, self._told, self._number))
+            history = pack_history(History(self._scenario, self._told, self._number))
         with query:  # outside: who asks may be slow to take the answer
             query.reply(query.key_expr, history)

@@ -3,7 +3,7 @@ is killed takes with it what it knows of them."""
 
 from collections.abc import Iterable
 
-from formnet.formation.wire.record import LinkRow
+from formnet.formation.records.rows import LinkRow
 from formnet.netem.core.transit import LOST_DOWN
 
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.plan.roster import Happening, Roster
+from formnet.formation.records.rows import LinkRow, Sample
 from formnet.formation.wire.messages import Drive, Sense
-from formnet.formation.wire.record import LinkRow, Sample
 from formnet.formation.wire.state import State, finite
 from formnet.formation.wire.tuples import make
 from formnet.netem.core.transit import LOST_DOWN

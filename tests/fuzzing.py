@@ -20,6 +20,7 @@ from formnet.agent.law import Command
 from formnet.agent.robot import Robot
 from formnet.agent.timed import TimedRobot
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.rows import LinkRow
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import messages
 from formnet.formation.wire.broadcast import Broadcast, Envelope, run_tag, sealed
@@ -45,7 +46,6 @@ from formnet.formation.wire.messages import (
     decode,
     encode,
 )
-from formnet.formation.wire.record import LinkRow
 from formnet.formation.wire.state import State
 from formnet.lab.scenarios.packaged import CONFIGS
 

@@ -15,8 +15,8 @@ from typing import Any, Final, NamedTuple
 
 import msgpack
 
+from formnet.formation.records.rows import LinkRow
 from formnet.formation.wire.message_error import MessageError
-from formnet.formation.wire.record import LinkRow
 from formnet.formation.wire.state import State
 from formnet.formation.wire.tuples import make
 from formnet.netem.core.transit import FATES

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from formnet.formation.paper.geometry import errors
+from formnet.formation.records.events import Kill
 from formnet.formation.scenario.expect import ERRORS
-from formnet.formation.wire.record import Event
 from formnet.lab.claims.results import BROKEN, Row
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes
 from formnet.lab.judge.claim_words import labels
@@ -95,7 +95,7 @@ def compared(cooperative: Collected, following: Collected) -> Figure:
         ("cooperative law (Theorem 4)", "leader-follower control (Desai et al. 2001)"),
         strict=True,
     ):
-        kill = next(event for event in run.events if event.kind == "kill")
+        kill = next(event for event in run.events if isinstance(event, Kill))
         _errors_of_the_rest(axes, run, kill)
         axes.set_title(title)
         _motion(motion, run, kill)
@@ -106,8 +106,8 @@ def compared(cooperative: Collected, following: Collected) -> Figure:
     return figure
 
 
-def _errors_of_the_rest(axes: Axes, run: Collected, kill: Event) -> None:
-    kept = [k for k, r in enumerate(run.scenario.ids) if r not in kill.details["robots"]]
+def _errors_of_the_rest(axes: Axes, run: Collected, kill: Kill) -> None:
+    kept = [k for k, r in enumerate(run.scenario.ids) if r not in kill.robots]
     trajectories = run.trajectories
     found = errors(
         trajectories.positions_m[:, kept],
@@ -120,14 +120,14 @@ def _errors_of_the_rest(axes: Axes, run: Collected, kill: Event) -> None:
         (found.heading_rad, COLOURS[1], "heading"),
     ):
         axes.semilogy(trajectories.t_s, np.maximum(series, 1e-12), color=colour, label=named[claim])
-    killed = ", ".join(map(str, kill.details["robots"]))
+    killed = ", ".join(map(str, kill.robots))
     axes.axvline(kill.t_ns / 1e9, color="0.3", ls="--", lw=1.0, label=f"robot {killed} killed")
     axes.set_xlabel("t (s)")
     axes.set_ylabel("error of the other robots")
     axes.legend(loc="lower left", fontsize=8)
 
 
-def _motion(axes: Axes, run: Collected, kill: Event) -> None:
+def _motion(axes: Axes, run: Collected, kill: Kill) -> None:
     """Where the robots are at the kill and at the end, and their ways between."""
     t_ns, positions = run.trajectories.t_ns, run.trajectories.positions_m
     since = int(np.searchsorted(t_ns, kill.t_ns))
@@ -137,7 +137,7 @@ def _motion(axes: Axes, run: Collected, kill: Event) -> None:
     ):
         axes.plot(*positions[since:, k].T, color=colour, ls=dash, lw=1.2)
         axes.plot(*positions[since, k], "o", color=colour, mfc="white", ms=6)
-        dead = robot in kill.details["robots"]
+        dead = robot in kill.robots
         axes.plot(*positions[-1, k], "X" if dead else "o", color=colour, ms=9 if dead else 6)
         axes.annotate(
             f"{robot}", positions[-1, k], xytext=(6, 5), textcoords="offset points", fontsize=9

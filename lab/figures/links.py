@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from formnet.formation.plan.timeline import arrows
+from formnet.formation.records.rows import LinkRow
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import LinkRow
 from formnet.lab.figures.canvas import COLOURS, blank
 from formnet.lab.runs.recording import Collected
 from formnet.netem.settings.links import LinkSettings

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formnet.formation.paper.theory import outside_model
+from formnet.formation.records.events import Lost
 from formnet.formation.scenario.expect import LYAPUNOV
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge.closed_loop import Array
@@ -57,9 +58,9 @@ class _Causes:
             (entry.at_s, f"{entry.what} at {entry.at_s:g} s") for entry in scenario.plan
         ]
         self._happenings += [
-            (event.t_ns / 1e9, f"robot {event.details['robot']} lost at {event.t_ns / 1e9:g} s")
+            (event.t_ns / 1e9, f"robot {event.robot} lost at {event.t_ns / 1e9:g} s")
             for event in recording.events
-            if event.kind == "lost"
+            if isinstance(event, Lost)
         ]
         lost = [
             row

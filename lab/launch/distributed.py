@@ -6,7 +6,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from formnet.formation.briefing.plan import Plan
-from formnet.formation.wire.record import Outcome, Record, Samples, Sink
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import Samples
+from formnet.formation.records.stream import Record, Sink
 from formnet.lab.launch.engine import EngineName, never
 from formnet.lab.launch.launch import HERE, Begun, Launch, Place
 from formnet.netem.settings.timeline import NEVER

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from formnet.formation.briefing.plan import Plan
-from formnet.formation.wire.record import Outcome, Sink
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.stream import Sink
 from formnet.netem.settings.timeline import NEVER
 
 EngineName = Literal["inline", "distributed"]

@@ -12,8 +12,11 @@ from pathlib import Path
 from formnet.agent.law import RAISED, LawFactory, LawFailed, failure, make, place
 from formnet.agent.robot import Robot
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records import events
+from formnet.formation.records.outcome import Outcome, OutcomeKind
+from formnet.formation.records.rows import LinkRows, Samples
+from formnet.formation.records.stream import Sink
 from formnet.formation.wire.messages import Drive
-from formnet.formation.wire.record import Event, LinkRows, Outcome, Samples, Sink
 from formnet.lab.launch import stuck
 from formnet.lab.launch.engine import EngineName, never
 from formnet.lab.launch.signals import insisted
@@ -76,8 +79,8 @@ class _Run:
 
     def complain(self, where: str) -> None:
         """Say on whom the run waits, as a plant does, and where its law is."""
-        details = {"for": f"answer (it is at {where})", "robots": [self.at_work]}
-        self._sink(Event("waiting", self._world.t_ns, details))
+        what = f"answer (it is at {where})"
+        self._sink(events.Waiting(self._world.t_ns, what, (self.at_work,)))
 
     def until_the_end(self, stopped: Callable[[], bool], until_ns: int) -> Outcome:
         """Run to the end, or to where it must end."""
@@ -86,7 +89,7 @@ class _Run:
             for robot in self._plan.ids:
                 self._start(robot)
             self._began = True
-            self._sink(Event("started", 0, {"robots": list(self._plan.ids)}))
+            self._sink(events.Started(0, self._plan.ids))
             while not world.finished and world.t_ns < until_ns:
                 if world.happenings:
                     self._happen()
@@ -125,7 +128,7 @@ class _Run:
     def _happen(self) -> None:
         """What the launcher and the system do to processes in a distributed run."""
         for _, verb, robots in self._world.happenings:
-            self._sink(Event(verb, self._world.t_ns, {"robots": robots}))
+            self._sink(events.planned(verb, self._world.t_ns, robots))
             for robot in robots:
                 if verb == "kill":
                     self._report(self._robots.pop(robot), LOST_DOWN)
@@ -164,17 +167,17 @@ class _Run:
         rows = robot.take_link_rows() if last is None else robot.take_last_link_rows(last)
         self._sink(LinkRows(rows))
         for rejected in robot.take_rejections():
-            self._sink(Event("rejected", self._world.t_ns, rejected._asdict()))
+            self._sink(events.Rejected(self._world.t_ns, **rejected._asdict()))
 
-    def _finish(self, kind: str, robot: int | None, reason: str) -> Outcome:
+    def _finish(self, kind: OutcomeKind, robot: int | None, reason: str) -> Outcome:
         world = self._world
         t_ns = world.t_ns if world.diverged is None else world.diverged.t_ns
         outcome = Outcome(kind, t_ns, robot, reason)
-        self._sink(Event("last tick", t_ns, {}))
+        self._sink(events.LastTick(t_ns))
         self._flush()
         for left in self._robots.values():
             self._report(left, IN_FLIGHT)
         if self._began:
-            self._sink(Event("extremes", t_ns, world.extremes.details()))
+            self._sink(world.extremes.event(t_ns))
         self._sink(outcome)
         return outcome

@@ -22,9 +22,22 @@ from pathlib import Path
 from typing import Protocol
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.records.checked import Malformed
+from formnet.formation.records.events import (
+    Event,
+    Kill,
+    Lost,
+    Pause,
+    Refused,
+    Restart,
+    Resume,
+    Started,
+)
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import Samples
+from formnet.formation.records.stream import Sink, Stir, read
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
 from formnet.formation.wire.process import END_OF_PLAN
-from formnet.formation.wire.record import Event, Outcome, Samples, Sink, Stir, read
 from formnet.lab.launch.refusals import LOG_FILTER, Refusals
 from formnet.lab.launch.signals import GRACE_S
 from formnet.plant.host import FAREWELL_S, START_PATIENCE_S
@@ -132,11 +145,13 @@ class Launch:
     ) -> None:
         self._place = place
         self._sink = sink
+        self._robot_ids = plan.ids
         self._logs = logs
         self._outcome: Outcome | None = None
         self._blame: Outcome | None = None  # what the launcher saw and the plant cannot
         self._t_ns = 0
         self._hung = False  # the plant, by all appearances
+        self._nonsense: str | None = None  # an invalid record of the plant
         self._asked = False  # to end, by the user
         self._kill_at: float | None = None  # set once the run is being stopped
         self._todo: queue.SimpleQueue[Event | Stir | None] = queue.SimpleQueue()
@@ -228,7 +243,9 @@ class Launch:
         elif self._outcome is None or self._outcome.kind == "broken":
             code = self.plant.returncode
             how = f"was killed by signal {-code}" if code < 0 else f"exited with code {code}"
-            if self._hung:
+            if self._nonsense is not None:
+                how = f"{self._nonsense} and was killed"
+            elif self._hung:
                 how = f"reported nothing for {self._patience_s:g} s and was killed"
             reason = f"the plant {how}{self._last_words('plant')}"
             self._outcome = Outcome("broken", self._t_ns, None, reason)
@@ -236,8 +253,16 @@ class Launch:
         return self._outcome
 
     def _read(self) -> None:
+        try:
+            self._read_records()
+        except Malformed as error:  # nothing that follows can be trusted
+            self._nonsense = f"sent an invalid record ({error})"
+            self.plant.kill()
+        self._todo.put(None)
+
+    def _read_records(self) -> None:
         assert self.plant.stdout is not None
-        for record in read(self.plant.stdout):
+        for record in read(self.plant.stdout, self._robot_ids):
             if isinstance(record, Outcome):
                 record = self._outcome = self._blame or record
             elif isinstance(record, Samples) and record.rows:
@@ -245,11 +270,10 @@ class Launch:
             self._quiet = 0
             if not isinstance(record, Stir):
                 self._sink(record)
-            if isinstance(record, Event) and record.kind == "started":
+            if isinstance(record, Started):
                 self._patience_s = self._later_patience_s
             if isinstance(record, Event | Stir):
                 self._todo.put(record)
-        self._todo.put(None)
 
     def _read_log(self, refusals: Refusals) -> None:
         """Keep what the plant says, and tell the sink whom its access control has refused."""
@@ -260,7 +284,7 @@ class Launch:
                 if line is not None:
                     log.write(line)
                 if refusal is not None:
-                    self._sink(Event("refused", self._t_ns, refusal._asdict()))
+                    self._sink(Refused(self._t_ns, **refusal._asdict()))
 
     def _do_next(self) -> None:
         """Do to robots' processes what the plant says has happened, as soon as it says so."""
@@ -268,27 +292,30 @@ class Launch:
             event = self._todo.get(timeout=_LOOK_S)
         except queue.Empty:
             return
-        if event is None:
-            self._reader.join()
-            return
-        if isinstance(event, Stir):
-            self._signal(event.robots, signal.SIGCONT if event.running else signal.SIGSTOP)
-            return
-        robots = event.details.get("robots", [event.details.get("robot")])
-        if event.kind in ("kill", "lost"):
-            self._written_off.update(robots)
-            for robot in robots:
-                self.robots[robot].kill()
-        elif event.kind == "restart":
-            for robot in robots:
-                self.robots[robot].wait()
-                self._lives[robot] += 1
-                self.robots[robot] = self._spawn_robot(robot)
-            self._written_off.difference_update(robots)
-        elif event.kind == "pause":
-            self._signal(robots, signal.SIGSTOP)
-        elif event.kind == "resume":
-            self._signal(robots, signal.SIGCONT)
+        match event:
+            case None:
+                self._reader.join()
+            case Stir(robots=robots, running=running):
+                self._signal(robots, signal.SIGCONT if running else signal.SIGSTOP)
+            case Lost(robot=robot):
+                self._kill([robot])
+            case Kill(robots=robots):
+                self._kill(robots)
+            case Restart(robots=robots):
+                for robot in robots:
+                    self.robots[robot].wait()
+                    self._lives[robot] += 1
+                    self.robots[robot] = self._spawn_robot(robot)
+                self._written_off.difference_update(robots)
+            case Pause(robots=robots):
+                self._signal(robots, signal.SIGSTOP)
+            case Resume(robots=robots):
+                self._signal(robots, signal.SIGCONT)
+
+    def _kill(self, robots: Iterable[int]) -> None:
+        self._written_off.update(robots)
+        for robot in robots:
+            self.robots[robot].kill()
 
     def _signal(self, robots: Iterable[int], number: int) -> None:
         for robot in robots:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
+from formnet.formation.records import events
+from formnet.formation.records.stream import Sink
 from formnet.formation.scenario.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire import bus
-from formnet.formation.wire.record import Event, Sink
 from formnet.formation.wire.security import PLANT, Credentials, KeysError, robot_name
 from formnet.lab.launch.launch import Child, Place
 from formnet.lab.runs.build import install
@@ -104,8 +105,7 @@ class Where:
         from formnet.lab.machines.hosts import Fleet, HostLost
 
         def lost(host: Host, why: str) -> None:
-            details = {"host": host.name, "robots": host.robots, "reason": why}
-            sink(Event("host lost", now_ns(), details))
+            sink(events.HostLost(now_ns(), host.name, tuple(host.robots), why))
 
         source = self.file or "the scenario's file"
         with Fleet(lost) as fleet:

@@ -5,11 +5,9 @@ from collections.abc import Iterator
 from itertools import combinations, groupby, pairwise
 from math import hypot
 
+from formnet.formation.records.events import Extremes, LastTick, Lost, Planned, Started
 from formnet.lab.runs.recording import Collected
 from formnet.netem.core.transit import CORRUPTED, DELIVERED, DUPLICATED
-
-ORDER = {"kill": 0, "pause": 1, "restart": 2, "resume": 3}
-"""What befalls robots at one tick happens in this order."""
 
 
 def inconsistencies(run: Collected) -> Iterator[str]:
@@ -104,51 +102,53 @@ def _duplicates(run: Collected, link: tuple[int, int]) -> bool:
 def _events(run: Collected) -> Iterator[str]:
     """In the order of time, from the start to the end; to robots happens what is planned."""
     events = run.events
-    kinds = [event.kind for event in events]
-    if not kinds or kinds[0] != "started" or kinds.count("last tick") != 1:
-        yield f"events: must begin with started and have one last tick: {kinds[:3]} … {kinds[-3:]}"
-    happened = [event for event in events if event.kind in ORDER]
+    names = [event.name for event in events]
+    if names[:1] != [Started.name] or names.count(LastTick.name) != 1:
+        yield f"events: must begin with started and have one last tick: {names[:3]} … {names[-3:]}"
+    happened = [event for event in events if isinstance(event, Planned)]
     for before, after in pairwise(happened):
         if after.t_ns < before.t_ns:
-            yield f"events: {after.kind} at {after.t_ns} ns after {before.kind} at {before.t_ns} ns"
+            yield f"events: {after.name} at {after.t_ns} ns after {before.name} at {before.t_ns} ns"
     period_ns, last = run.scenario.clock.control_period_ns, run.scenario.ticks
     planned = {
         (some.tick * period_ns, some.verb, tuple(some.robots))
         for some in run.scenario.roster().happenings()
         if some.tick <= last
     }
-    found = {(event.t_ns, event.kind, tuple(event.details["robots"])) for event in happened}
+    found = {(event.t_ns, event.name, event.robots) for event in happened}
     yield from _few("planned and not happened", map(str, sorted(planned - found)))
     yield from _few("happened and not planned", map(str, sorted(found - planned)))
-    if "lost" in kinds:
-        lost = [
-            f"robot {e.details['robot']} ({e.details['reason']})"
-            for e in events
-            if e.kind == "lost"
-        ]
-        yield f"lost without a plan: {', '.join(lost)}"
+    lost = [event for event in events if isinstance(event, Lost)]
+    if lost:
+        who = ", ".join(f"robot {event.robot} ({event.reason})" for event in lost)
+        yield f"lost without a plan: {who}"
 
 
 def _motion(run: Collected) -> Iterator[str]:
     """Its extremes are told once, and no sample is beyond them."""
-    told = [event.details for event in run.events if event.kind == "extremes"]
+    told = [event for event in run.events if isinstance(event, Extremes)]
     if len(told) != 1:
         yield f"motion: its extremes must be recorded once, and are {len(told)} times"
         return
+    speed, turn_rate, closest = told[0].top_speed, told[0].top_turn_rate, told[0].closest
+    top_mps = speed.speed_mps if speed else -1.0
+    top_radps = turn_rate.turn_rate_radps if turn_rate else -1.0
     for row in run.samples:
-        for name, size in (("speed_mps", row.speed_mps), ("turn_rate_radps", row.turn_rate_radps)):
-            most = told[0]["top_" + name.rpartition("_")[0]][name]
+        for name, size, most in (
+            ("speed_mps", row.speed_mps, top_mps),
+            ("turn_rate_radps", row.turn_rate_radps, top_radps),
+        ):
             if abs(size) > most:
                 yield f"motion: {name} {size} of robot {row.robot} at {row.t_ns} ns is above {most}"
                 return
-    closest = told[0]["closest"]
     for t_ns, rows in groupby(run.samples, lambda row: row.t_ns):
         for one, other in combinations(rows, 2):
             distance_m = hypot(one.x_m - other.x_m, one.y_m - other.y_m)
-            if closest is None or distance_m < closest["distance_m"]:
+            if closest is None or distance_m < closest.distance_m:
+                told_of = "nothing" if closest is None else closest.words
                 yield (
                     f"motion: robots {one.robot} and {other.robot} are {distance_m} m apart at "
-                    f"{t_ns} ns, closer than recorded: {closest}"
+                    f"{t_ns} ns, closer than recorded: {told_of}"
                 )
                 return
 

@@ -6,12 +6,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formnet.formation.wire.record import Outcome
+from formnet.formation.records.outcome import Outcome
+from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.files import as_text
 from formnet.lab.runs.recording import being_written
 from formnet.lab.verdict.files import Unreadable, read
 from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED, Verdict
-from formnet.lab.verdict.recorded import event_lines
 
 RUNNING, NO_END = "running", "did not end"
 BAD = {FAILS, NOT_JUDGED, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
@@ -157,9 +157,9 @@ def _nemesis(folder: Path, found: Any, when: str) -> Entry:
 
 def _began(folder: Path) -> str:
     try:
-        began = datetime.fromisoformat(next(event_lines(folder))["wall"])
+        began = datetime.fromisoformat(next(read_events(folder)).wall)
         return began.astimezone().isoformat(timespec="seconds")
-    except (OSError, ValueError, TypeError, StopIteration):
+    except (OSError, ValueError, OverflowError, StopIteration):
         return _changed(folder)
 
 

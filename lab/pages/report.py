@@ -13,15 +13,16 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from formnet.formation.paper.theory import of_the_paper
+from formnet.formation.records.events import Event, Severity, named
+from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.expect import CRITERIA, ERRORS, LYAPUNOV, references
 from formnet.formation.scenario.loading import ScenarioError, dumps
-from formnet.formation.wire.record import Event
 from formnet.lab.judge import claim_words
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages.pictures import pictures
 from formnet.lab.runs import files
 from formnet.lab.runs.keypaths import by_path, shown
-from formnet.lab.runs.words import named, times, told
+from formnet.lab.runs.words import times
 from formnet.lab.text.assessment import describe
 from formnet.lab.verdict.files import Unreadable
 from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED, Verdict
@@ -290,39 +291,20 @@ def _falling(judged: Verdict) -> bool:
 
 def _moments(run: Recorded) -> Iterator[Moment]:
     """The events in order of time, and when the errors settled among them."""
-    found = [_moment(event) for event in run.events if event.kind != "timing"]
+    found = [_moment(event) for event in run.told if event.severity is not Severity.DEBUG]
     settled = None if run.verdict is None else run.verdict.settling_time_s
     if settled is not None:
         found.append(
             Moment(settled, "settled", "errors stay within their tolerances from here on", "good")
         )
-    if run.outcome is not None:
-        who = "" if run.outcome.robot is None else f"robot {run.outcome.robot}: "
-        well = run.outcome.kind == "completed"
-        found.append(
-            Moment(
-                run.outcome.t_ns / 1e9,
-                run.outcome.kind,
-                f"{who}{run.outcome.reason}",
-                "" if well else "bad",
-            )
-        )
     yield from sorted(found, key=lambda moment: moment.t_s)
 
 
-def _moment(event: Event) -> Moment:
-    bad = event.kind in (
-        "lost",
-        "host lost",
-        "kill",
-        "rejected",
-        "refused",
-        "silent at the end",
-        "waiting",
-    )
-    words = told(event.kind, event.details)
+def _moment(event: Event | Outcome) -> Moment:
+    bad = event.severity in (Severity.WARNING, Severity.ERROR)
+    words = event.words
     words = words if len(words) <= _MOST_LETTERS else words[:_MOST_LETTERS] + "…"
-    return Moment(event.t_ns / 1e9, event.kind, words, "bad" if bad else "")
+    return Moment(event.t_ns / 1e9, event.name, words, "bad" if bad else "")
 
 
 def _lost_share(judged: Verdict | None) -> float | None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
-from formnet.formation.wire.record import LinkRow, Sample
+from formnet.formation.records.rows import LinkRow, Sample
 from formnet.lab.runs.recording import Collected
 from formnet.netem.settings.timeline import NEVER
 

@@ -5,7 +5,6 @@
 """
 
 import hashlib
-import json
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -22,10 +21,14 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from formnet.formation.plan.roster import Roster
+from formnet.formation.records.events import Event, Extremes, Lost, Network
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRow, LinkRows, Sample, Samples
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import dumps
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Record, Sample, Samples
 from formnet.lab.runs import files
+from formnet.lab.runs.events_file import EVENTS, written
 from formnet.lab.runs.folders import forget, fresh_folder
 from formnet.netem.files.tables import nanoseconds
 
@@ -46,7 +49,7 @@ LINKS_SCHEMA = pa.schema(
         ("fate", pa.dictionary(pa.int8(), pa.string())),
     ]
 )
-SCENARIO, EVENTS = "scenario.toml", "events.jsonl"
+SCENARIO = "scenario.toml"
 STATES, LINKS = "states.parquet", "links.parquet"
 
 
@@ -137,8 +140,16 @@ class Collected:
 
     @property
     def motion(self) -> dict[str, Any] | None:
-        """The extremes of the motion (:meth:`plant.extremes.Extremes.details`), once known."""
-        return next((e.details for e in self.events if e.kind == "extremes"), None)
+        """The extremes of the motion (:class:`formation.records.events.Extremes`), once known."""
+        return next((e.details for e in self.events if isinstance(e, Extremes)), None)
+
+    @property
+    def told(self) -> list[Event | Outcome]:
+        """What happened and how it ended, in order of time."""
+        found: list[Event | Outcome] = [*self.events]
+        if self.outcome is not None:
+            found.append(self.outcome)
+        return sorted(found, key=lambda event: event.t_ns)
 
     def latest(self) -> Trajectories:
         """The newest sample of every robot alone (empty if there is none)."""
@@ -153,8 +164,8 @@ class Collected:
         """Who was down when: as planned, and as it came."""
         roster = self.scenario.roster()
         for event in self.events:
-            if event.kind == "lost":
-                roster.lose(event.details["robot"], event.details["tick"])
+            if isinstance(event, Lost):
+                roster.lose(event.robot, event.tick)
         return roster
 
     def up_at(self, t_ns: int) -> list[int]:
@@ -196,12 +207,8 @@ class Recording(Collected):
         super().__call__(record)
         if isinstance(record, Samples):
             self._note_plan(record.rows[-1].t_ns if record.rows else 0)
-        elif isinstance(record, Event):
-            self._write_event(record.kind, record.t_ns, record.details)
-        elif isinstance(record, Outcome):
-            self._write_event(
-                record.kind, record.t_ns, {"robot": record.robot, "reason": record.reason}
-            )
+        elif isinstance(record, Event | Outcome):
+            self._write(written(record, datetime.now(UTC)))
 
     def close(self) -> None:
         """Nothing more comes. What is in memory alone is let go, unless :meth:`save` follows."""
@@ -240,20 +247,14 @@ class Recording(Collected):
         """Put what was planned up to now among the events."""
         while self._ahead and nanoseconds(self._ahead[0].at_s) <= now_ns:
             entry = self._ahead.popleft()
-            self(Event("network", nanoseconds(entry.at_s), {"what": entry.what}))
+            self(Network(nanoseconds(entry.at_s), entry.what))
 
-    def _write_event(self, kind: str, t_ns: int, details: dict[str, Any]) -> None:
-        line = {
-            "t_s": t_ns / 1e9,
-            "event": kind,
-            **details,
-            "wall": datetime.now(UTC).isoformat(timespec="milliseconds"),
-        }
-        self._lines.append(json.dumps(line) + "\n")
+    def _write(self, line: str) -> None:
+        self._lines.append(line)
         if self._behind:
             return
         try:
-            self._file.write(self._lines[-1])
+            self._file.write(line)
             self._file.flush()
         except OSError:
             self._behind = True

@@ -26,7 +26,8 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer
 
-from formnet.formation.wire.record import LinkRow, Sample
+from formnet.formation.records.events import Severity
+from formnet.formation.records.rows import LinkRow, Sample
 from formnet.lab.figures.canvas import SCREEN_COLOURS, colours
 from formnet.lab.judge import lyapunov
 from formnet.lab.judge.errors import error_series
@@ -36,13 +37,8 @@ from formnet.lab.verdict.recorded import Recorded
 _WORLD = "world"
 _SCENE_EVERY_NS = 40_000_000
 """How often the graph's edges are drawn anew."""
-_DEBUG, _INFO, _WARNING, _ERROR = 1, 2, 3, 4
-_LEVELS = {
-    **dict.fromkeys(("lost", "host lost", "failed", "broken", "diverged"), _ERROR),
-    **dict.fromkeys(("kill", "rejected", "waiting", "interrupted"), _WARNING),
-    **dict.fromkeys(("silent at the end", "clock uncertain"), _WARNING),
-    "timing": _DEBUG,
-}
+_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARNING: 3, Severity.ERROR: 4}
+"""As ``foxglove.Log`` numbers them."""
 
 Schema = dict[str, Any]
 
@@ -158,20 +154,16 @@ def _deliveries(run: Recorded) -> Iterator[Message]:
 
 
 def _events(run: Recorded) -> Iterator[Message]:
-    found = [(event.t_ns, event.kind, event.details) for event in run.events]
-    if run.outcome is not None:
-        details = {"robot": run.outcome.robot, "reason": run.outcome.reason}
-        found.append((run.outcome.t_ns, run.outcome.kind, details))
-    for t_ns, kind, details in sorted(found, key=lambda event: event[0]):
+    for event in run.told:
         yield _message(
-            t_ns,
+            event.t_ns,
             "/events",
             "foxglove.Log",
             {
-                "timestamp": _time(t_ns),
-                "level": _LEVELS.get(kind, _INFO),
-                "name": kind,
-                "message": f"{kind} {json.dumps(details, ensure_ascii=False)}",
+                "timestamp": _time(event.t_ns),
+                "level": _LEVELS[event.severity],
+                "name": event.name,
+                "message": f"{event.name} {json.dumps(event.details, ensure_ascii=False)}",
                 "file": "",
                 "line": 0,
             },

@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from formnet.formation.records.rows import LinkRow
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import LinkRow
 from formnet.lab.scene.colours import GREY, by_age
 from formnet.lab.scene.lines import BENDS, DASHES, beside, line_strips
 from formnet.lab.scene.sampling import Times

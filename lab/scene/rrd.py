@@ -14,8 +14,8 @@ from pathlib import Path
 
 import rerun as rr
 
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import Record
 from formnet.lab.judge.lyapunov import Curve
 from formnet.lab.runs.files import as_text
 from formnet.lab.scene.scene import Scene

@@ -16,12 +16,14 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from formnet.formation.paper.geometry import errors, fitted_rotation, rotated
+from formnet.formation.records.events import Event, Lost, Network, Severity
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRows, Sample, Samples
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import Event, LinkRows, Outcome, Record, Sample, Samples
 from formnet.lab.figures import presence
 from formnet.lab.figures.canvas import bows
-from formnet.lab.runs.words import told
 from formnet.lab.scene.blueprint import blueprint, half_width, scale_bar
 from formnet.lab.scene.colours import GREY, rgba
 from formnet.lab.scene.lines import BENDS, line_strips
@@ -83,14 +85,10 @@ class Scene:
             for row in record.rows:
                 self._links.take(row)
                 self._traffic.take(row)
-        elif isinstance(record, Event):
-            if record.kind == "lost":
-                self._roster.lose(record.details["robot"], record.details["tick"])
-            self._say(record.t_ns, wall_ns, record.kind, record.details)
-        elif isinstance(record, Outcome):
-            self._say(
-                record.t_ns, wall_ns, record.kind, {"robot": record.robot, "reason": record.reason}
-            )
+        elif isinstance(record, Event | Outcome):
+            if isinstance(record, Lost):
+                self._roster.lose(record.robot, record.tick)
+            self._say(record, wall_ns)
 
     @property
     def pending(self) -> int:
@@ -276,32 +274,21 @@ class Scene:
     def _note_plan(self, now_ns: int, wall_ns: int) -> None:
         while self._plan and self._plan[0][0] <= now_ns:
             t_ns, what = self._plan.pop(0)
-            self._say(t_ns, wall_ns, "network", {"what": what})
+            self._say(Network(t_ns, what), wall_ns)
 
-    def _say(self, t_ns: int, wall_ns: int, kind: str, details: dict[str, Any]) -> None:
-        words = told(kind, details)
+    def _say(self, event: Event | Outcome, wall_ns: int) -> None:
+        words = ": ".join(filter(None, (event.name, event.words)))
         stream = self._stream
-        stream.set_time("sim_time", duration=np.timedelta64(t_ns, "ns"))
+        stream.set_time("sim_time", duration=np.timedelta64(event.t_ns, "ns"))
         stream.set_time("wall_time", timestamp=np.datetime64(wall_ns, "ns"))
-        stream.log(
-            "events",
-            rr.TextLog(f"{kind}: {words}" if words else kind, level=_LEVELS.get(kind, "INFO")),
-        )
+        stream.log("events", rr.TextLog(words, level=_LEVELS[event.severity]))
 
 
 _LEVELS = {
-    "kill": "WARN",
-    "pause": "WARN",
-    "waiting": "WARN",
-    "rejected": "WARN",
-    "refused": "WARN",
-    "lost": "ERROR",
-    "host lost": "ERROR",
-    "diverged": "ERROR",
-    "failed": "ERROR",
-    "broken": "ERROR",
-    "interrupted": "WARN",
-    "silent at the end": "WARN",
+    Severity.DEBUG: rr.TextLogLevel.DEBUG,
+    Severity.INFO: rr.TextLogLevel.INFO,
+    Severity.WARNING: rr.TextLogLevel.WARN,
+    Severity.ERROR: rr.TextLogLevel.ERROR,
 }
 
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from formnet.formation.records.rows import LinkRow
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import LinkRow
 from formnet.lab.scene.colours import rgba
 from formnet.lab.scene.sampling import Times, window_ns
 

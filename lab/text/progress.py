@@ -2,16 +2,24 @@
 
 import threading
 import time
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
-from formnet.formation.wire.record import Event, Record
+from formnet.formation.records.events import (
+    HostLost,
+    LastTick,
+    SilentAtTheEnd,
+    Started,
+    Waiting,
+    named,
+)
+from formnet.formation.records.stream import Record
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs.recording import Recording
-from formnet.lab.runs.words import named, times
+from formnet.lab.runs.words import times
 
 
 class Scene(Protocol):
@@ -29,19 +37,20 @@ class Waits:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._last: dict[str, Any] = {}
+        self._last: tuple[str, tuple[int, ...]] | None = None
         self._times = 0
 
     def take(self, record: Record) -> None:
         """Print it, if ``record`` says so."""
-        if not (isinstance(record, Event) and record.kind == "waiting"):
+        if not isinstance(record, Waiting):
             return
-        self._times = self._times + 1 if record.details == self._last else 1
-        self._last = record.details
+        same = (record.what, record.robots)
+        self._times = self._times + 1 if same == self._last else 1
+        self._last = same
         if self._times & (self._times - 1) == 0:
             self._console.print(
                 f"[yellow]waiting[/] at t = {record.t_ns / 1e9:.3f} s for "
-                f"{named(record.details['robots'])} to " + escape(record.details["for"]),
+                f"{named(record.robots)} to " + escape(record.what),
                 soft_wrap=True,
             )
 
@@ -90,26 +99,26 @@ class Watch:
     def _take(self, record: Record) -> None:
         self._recording(record)
         self._scene.take(record)
-        if isinstance(record, Event):
-            if record.kind == "started":
+        match record:
+            case Started():
                 self._started = time.monotonic()
                 if not self._console.is_terminal:  # which sees the bar
-                    self._console.print(f"started with {named(record.details['robots'])}")
-            elif record.kind == "last tick":
+                    self._console.print(f"started with {named(record.robots)}")
+            case LastTick():
                 self._ended = time.monotonic()
-            elif record.kind == "host lost":
+            case HostLost():
                 self._console.print(
-                    f"[red]host lost:[/] {record.details['host']}, with "
-                    f"{named(record.details['robots'])}: " + escape(record.details["reason"]),
+                    f"[red]host lost:[/] {record.host}, with "
+                    f"{named(record.robots)}: " + escape(record.reason),
                     soft_wrap=True,
                 )
-            elif record.kind == "silent at the end":
+            case SilentAtTheEnd():
                 self._console.print(
-                    f"[yellow]silent at the end:[/] {named(record.details['robots'])}: the fate of "
+                    f"[yellow]silent at the end:[/] {named(record.robots)}: the fate of "
                     "messages since the last report is unknown",
                     soft_wrap=True,
                 )
-            self._waits.take(record)
+        self._waits.take(record)
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""

@@ -5,10 +5,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from formnet.formation.paper.theory import of_the_paper
+from formnet.formation.records.events import named
 from formnet.formation.scenario.expect import CRITERIA, LYAPUNOV
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import claim_words
-from formnet.lab.runs.words import named, times, told
+from formnet.lab.runs.words import times
 from formnet.lab.text.tables import Column, output, table
 from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, Verdict
 from formnet.lab.verdict.realtime import Spread, Timing
@@ -86,7 +87,8 @@ def summarise(console: Console, scenario: Scenario, judged: Verdict) -> None:
     """Print how a run ended: what went wrong, how well it kept time, and what became of it."""
     outcome = judged.outcome
     if judged.motion is not None:
-        console.print(told("extremes", judged.motion.model_dump()), soft_wrap=True)
+        words = "; ".join(f"{title} {value}" for title, value in judged.motion.told.items())
+        console.print(words, soft_wrap=True)
     if outcome.kind != "completed":
         who = "" if outcome.robot is None else f" robot {outcome.robot}:"
         console.print(

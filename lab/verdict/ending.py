@@ -1,15 +1,13 @@
 """``outcome`` and ``robots``: how a run ended, and which robots took part to the end."""
 
 from collections.abc import Sequence
-from typing import Literal, cast, get_args
 
 from pydantic import Field
 
-from formnet.formation.wire.record import Event, Outcome
+from formnet.formation.records import events
+from formnet.formation.records.events import Event
+from formnet.formation.records.outcome import Outcome, OutcomeKind
 from formnet.lab.verdict.section import Instant, RobotId, Section
-
-Kind = Literal["completed", "diverged", "interrupted", "lost", "failed", "broken"]
-KINDS: tuple[str, ...] = get_args(Kind)
 
 
 class Ending(Section):
@@ -20,7 +18,7 @@ class Ending(Section):
     anything else.
     """
 
-    kind: Kind = Field(description="The outcome in a word.")
+    kind: OutcomeKind = Field(description="The outcome in a word.")
     t_s: Instant = Field(description="The virtual time at the end.")
     robot: RobotId | None = Field(description="The robot that it is about.")
     reason: str = Field(description="Why it ended so; empty for a run that completed.")
@@ -51,7 +49,7 @@ class Participants(Section):
 def ending(outcome: Outcome) -> Ending:
     """The section ``outcome``."""
     return Ending(
-        kind=cast(Kind, outcome.kind),
+        kind=outcome.kind,
         t_s=outcome.t_ns / 1e9,
         robot=outcome.robot,
         reason=outcome.reason,
@@ -59,7 +57,7 @@ def ending(outcome: Outcome) -> Ending:
 
 
 def participants(
-    ids: Sequence[int], judged: Sequence[int], events: Sequence[Event]
+    ids: Sequence[int], judged: Sequence[int], happened: Sequence[Event]
 ) -> Participants:
     """The section ``robots``: of ``ids``, ``judged`` were up at the end."""
     return Participants(
@@ -68,11 +66,11 @@ def participants(
         lost=[
             Lost(
                 t_s=event.t_ns / 1e9,
-                robot=event.details["robot"],
-                reason=event.details["reason"],
-                tick=event.details["tick"],
+                robot=event.robot,
+                reason=event.reason,
+                tick=event.tick,
             )
-            for event in events
-            if event.kind == "lost"
+            for event in happened
+            if isinstance(event, events.Lost)
         ],
     )

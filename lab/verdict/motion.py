@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from formnet.lab.runs.words import extremes_told
+from formnet.formation.records.events import Extremes, event
 from formnet.lab.verdict.section import Instant, RobotId, Section
 
 
@@ -53,7 +53,9 @@ class Motion(Section):
     @property
     def told(self) -> dict[str, str]:
         """Each in words, by what it is of; without those that there are not."""
-        return extremes_told(self.model_dump())
+        extremes = event(Extremes.name, 0, self.model_dump())
+        assert isinstance(extremes, Extremes)
+        return extremes.titled
 
 
 def motion(details: dict[str, Any] | None) -> Motion | None:

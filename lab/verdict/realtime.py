@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from formnet.formation.wire.record import Event
+from formnet.formation.records import events as kinds
+from formnet.formation.records.events import Event
 from formnet.lab.verdict.section import Count, Section
 
 
@@ -43,5 +44,5 @@ class Timing(Section):
 
 def timing(events: Sequence[Event]) -> Timing | None:
     """The section ``realtime``; None for a run in virtual time."""
-    details = next((event.details for event in events if event.kind == "timing"), None)
+    details = next((event.details for event in events if isinstance(event, kinds.Timing)), None)
     return None if details is None else Timing.model_validate(details)

@@ -1,14 +1,11 @@
 """A run read back from its folder, as far as it is there."""
 
-import json
-from collections.abc import Iterator
-from math import isfinite
 from pathlib import Path
-from typing import Any
 
+from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.wire.record import Event, Outcome
+from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.recording import (
     LINKS,
     STATES,
@@ -17,14 +14,9 @@ from formnet.lab.runs.recording import (
     read_links,
     read_states,
 )
-from formnet.lab.runs.words import extremes_told
 from formnet.lab.verdict import files
-from formnet.lab.verdict.ending import KINDS
 from formnet.lab.verdict.files import Unreadable
 from formnet.lab.verdict.model import Verdict
-
-_END = {"robot", "reason"}
-"""What an outcome's line tells; a robot's loss is an event that tells its tick, too."""
 
 
 class Recorded(Collected):
@@ -90,33 +82,6 @@ def read_whole(folder: Path) -> Recorded:
     return run
 
 
-def event_lines(folder: Path) -> Iterator[dict[str, Any]]:
-    """The lines of ``events.jsonl``; one that was cut off at the end is left out.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: a line is no event.
-    """
-    with (folder / "events.jsonl").open(encoding="utf-8") as lines:
-        for line in lines:
-            if not line.endswith("\n"):
-                return
-            found = json.loads(line)
-            if not _is_event(found):
-                raise ValueError(f"no event: {line.strip()[:80]}")
-            yield found
-
-
-def _is_event(found: Any) -> bool:
-    return (
-        isinstance(found, dict)
-        and isinstance(found.get("t_s"), int | float)
-        and isfinite(found["t_s"])
-        and isinstance(found.get("event"), str)
-        and isinstance(found.get("wall"), str)
-    )
-
-
 def _read_tables(run: Recorded) -> list[str]:
     """Read states and messages; what is wrong with them."""
     missing = [name for name in (STATES, LINKS) if not (run.folder / name).is_file()]
@@ -135,16 +100,9 @@ def _read_tables(run: Recorded) -> list[str]:
 
 
 def _read_events(run: Recorded) -> None:
-    for line in event_lines(run.folder):
-        t_ns, kind, wall = round(line.pop("t_s") * 1e9), line.pop("event"), line.pop("wall")
-        if kind in KINDS and line.keys() == _END:
-            run.outcome = Outcome(kind, t_ns, **line)
-        elif kind == "lost" and not (
-            line.get("robot") in run.scenario.ids and isinstance(line.get("tick"), int)
-        ):
-            raise ValueError(f"a loss without robot and tick: {line}")
+    for record, wall in read_events(run.folder, run.scenario.vehicles):
+        if isinstance(record, Outcome):
+            run.outcome = record
         else:
-            if kind == "extremes":
-                extremes_told(line)
-            run.events.append(Event(kind, t_ns, line))
+            run.events.append(record)
             run.walls.append(wall)

@@ -1,15 +1,14 @@
 """``messages`` and ``links``: what became of the messages, of all links and of each one."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from formnet.formation.wire.record import Event, LinkRow
+from formnet.formation.records import events as kinds
+from formnet.formation.records.events import Event
+from formnet.formation.records.rows import LinkRow
 from formnet.lab.verdict.section import Count, PositiveCount, RobotId, Section
-
-if TYPE_CHECKING:
-    pass
 
 Process = RobotId | Literal["plant"]
 
@@ -99,18 +98,15 @@ def rejections(events: Sequence[Event]) -> dict[tuple[Any, Any, str], int]:
     """How many messages each receiver refused, by receiver, source and reason."""
     found: dict[tuple[Any, Any, str], int] = {}
     for event in events:
-        if event.kind == "rejected":
-            details = event.details
-            found[details["robot"], details["source"], details["reason"]] = details["times"]
+        if isinstance(event, kinds.Rejected):
+            found[event.robot, event.source, event.reason] = event.times
     return found
 
 
 def _refused(events: Sequence[Event]) -> list[Refused]:
     """The latest count of every denial."""
     times = {
-        (event.details["who"], event.details["key"]): event.details["times"]
-        for event in events
-        if event.kind == "refused"
+        (event.who, event.key): event.times for event in events if isinstance(event, kinds.Refused)
     }
     return [Refused(who=who, key=key, times=count) for (who, key), count in times.items()]
 

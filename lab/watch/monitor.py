@@ -9,19 +9,23 @@ import queue
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-import msgpack
 import rerun as rr
 import zenoh
 
-from formnet.formation.scenario.loading import loads
+from formnet.formation.records.checked import Malformed
+from formnet.formation.records.events import Event
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.stream import Record
+from formnet.formation.records.watching import unpack_history, unpack_numbered, unpack_shown
+from formnet.formation.scenario.loading import ScenarioError, loads
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire import bus
-from formnet.formation.wire.record import Event, Outcome, Record, Stir, unpack
 from formnet.formation.wire.security import MONITOR, Credentials
 from formnet.lab.judge import lyapunov
 from formnet.lab.runs.exits import ALL_HOLD, BROKEN, INTERRUPTED
@@ -67,18 +71,28 @@ class Feed:
                 self._keys.plant_alive, self._on_plant, history=True
             ),
         ]
-        self.scenario, self._told, self._next = self._ask(session)
         self.missed = 0
         """How many messages did not come, because this end was too slow."""
+        self.refused: Counter[str] = Counter()
+        """How many messages were no records, by what is wrong: anybody may be on the bus."""
+        self.scenario, self._told, self._next = self._ask(session)
 
     def take(self) -> Iterator[Record]:
         """What came since the last call; first of all, the events before."""
         told, self._told = self._told, []
-        yield from map(_record, told)
+        for packed in told:
+            try:
+                yield unpack_shown(packed, self.scenario.ids)
+            except Malformed as error:
+                self.refused[str(error)] += 1
         with suppress(queue.Empty):
             while True:
-                number, packed = msgpack.unpackb(self._live.get_nowait())
-                record = _record(packed)
+                data = self._live.get_nowait()
+                try:
+                    number, record = unpack_numbered(data, self.scenario.ids)
+                except Malformed as error:
+                    self.refused[str(error)] += 1
+                    continue
                 if number >= self._next:
                     self.missed += number - self._next
                     self._next = number + 1
@@ -105,16 +119,16 @@ class Feed:
         while time.monotonic() < deadline:
             for reply in session.get(self._keys.history, timeout=1.0):
                 if reply.ok is not None:
-                    text, told, number = msgpack.unpackb(reply.ok.payload.to_bytes())
-                    return loads(text, "the run's scenario"), told, number
+                    try:
+                        text, told, number = unpack_history(reply.ok.payload.to_bytes())
+                        return loads(text, "the run's scenario"), told, number
+                    except (Malformed, ScenarioError) as error:
+                        self.refused[str(error)] += 1
             time.sleep(_DRAW_S)
-        raise NoRun(f"no plant answers for run {self.run!r} here: is it over, or an older version?")
-
-
-def _record(packed: bytes) -> Record:
-    record = unpack(packed)
-    assert not isinstance(record, Stir)  # which is for the launcher alone
-    return record
+        why = "".join(f"; a reply was rejected: {problem}" for problem in self.refused)
+        raise NoRun(
+            f"no plant answers for run {self.run!r} here: is it over, or an older version?{why}"
+        )
 
 
 @contextmanager
@@ -246,6 +260,8 @@ def watch(source: Source, *, view: str | None, file: Path | None, stopped: threa
         complete = monitor.run(stopped)
         if from_run.missed:
             print(f"too slow: {from_run.missed} messages were missed", flush=True)
+        for problem, times in from_run.refused.most_common(3):
+            print(f"rejected {times} messages: {problem}", flush=True)
         monitor.close()
         if file is not None:
             part = "the run" if complete else "what was seen of the run"

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formnet.formation.wire.record import LinkRow
+from formnet.formation.records.rows import LinkRow
 from formnet.netem.core.transit import LOST_DOWN
 from formnet.plant.witness import Witness
 

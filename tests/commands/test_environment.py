@@ -22,10 +22,10 @@ from conftest import missing
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
+from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recording import LINKS, STATES
 from formnet.lab.verdict.files import read as read_verdict
-from formnet.lab.verdict.recorded import event_lines
 
 pytestmark = pytest.mark.processes
 
@@ -124,7 +124,7 @@ def readable(folder: Path) -> set[str]:
     if "verdict.json" in names:
         read_verdict(folder)
     if "events.jsonl" in names:
-        list(event_lines(folder))
+        list(read_events(folder))
     if "scenario.toml" in names:
         load(folder / "scenario.toml")
     return names
@@ -164,21 +164,21 @@ def test_a_full_disk_is_a_sentence_and_exit_code_3(place, tmp_path, size, engine
 
 
 def test_events_that_found_no_room_are_written_when_there_is_some(tmp_path, paper):
-    from formnet.formation.wire.record import Event
+    from formnet.formation.records import events
     from formnet.lab.runs.recording import Recording
 
     recording = Recording(tmp_path / "run", paper("section5"))
-    recording(Event("started", 0, {"robots": [1]}))
-    events = recording._file.fileno()
-    kept, full = os.dup(events), os.open("/dev/full", os.O_WRONLY)
-    os.dup2(full, events)
-    recording(Event("waiting", 1, {"for": "x", "robots": [1]}))
-    os.dup2(kept, events)
+    recording(events.Started(0, (1,)))
+    written = recording._file.fileno()
+    kept, full = os.dup(written), os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, written)
+    recording(events.Waiting(1, "x", (1,)))
+    os.dup2(kept, written)
     os.close(kept)
     os.close(full)
-    recording(Event("last tick", 2, {}))
+    recording(events.LastTick(2))
     assert recording.save() == []
-    assert [line["event"] for line in event_lines(tmp_path / "run")] == [
+    assert [line.record.name for line in read_events(tmp_path / "run")] == [
         "started",
         "waiting",
         "last tick",
@@ -186,7 +186,7 @@ def test_events_that_found_no_room_are_written_when_there_is_some(tmp_path, pape
 
 
 def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
-    from formnet.formation.wire.record import Sample, Samples
+    from formnet.formation.records.rows import Sample, Samples
     from formnet.lab.scene.rrd import RunFile
 
     place.mount("32k")

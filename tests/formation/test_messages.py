@@ -1,6 +1,5 @@
 """Messages and records: every bit survives, and nothing that is not a message gets in."""
 
-import io
 import math
 import struct
 import typing
@@ -12,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formnet.formation.wire import messages, record
+from formnet.formation.records.rows import LinkRow
+from formnet.formation.wire import messages
 from formnet.formation.wire.broadcast import BROADCAST_BYTES, Broadcast, Envelope, run_tag, sealed
 from formnet.formation.wire.message_error import MessageError
 from formnet.formation.wire.messages import (
@@ -36,7 +36,6 @@ from formnet.formation.wire.messages import (
     decode,
     encode,
 )
-from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.formation.wire.state import State
 from formnet.netem.core.transit import FATES
 
@@ -318,97 +317,3 @@ def test_hostile_bytes_raise_nothing_but_message_error(data):
     for unpack in (Broadcast.unpack, Envelope.unpack, decode):
         with pytest.raises(MessageError):
             unpack(data)
-
-
-# --- the record stream ----------------------------------------------------------------
-
-nanos = st.integers(-(2**63), 2**63 - 1)
-samples = st.builds(
-    Sample, nanos, st.integers(0, 99), *[st.floats()] * 5, *[st.none() | st.floats()] * 2
-)
-json_values = st.none() | st.booleans() | nanos | texts | st.lists(nanos, max_size=3)
-records = st.one_of(
-    st.builds(Samples, st.lists(samples, max_size=3)),
-    st.builds(LinkRows, st.lists(link_rows, max_size=3)),
-    st.builds(Event, texts, nanos, st.dictionaries(texts, json_values, max_size=3)),
-    st.builds(Outcome, texts, nanos, st.none() | nanos, texts),
-)
-
-
-def written(items):
-    """The bytes of ``items`` and where each of them ends."""
-    stream, ends = io.BytesIO(), []
-    write = record.writer(stream)
-    for item in items:
-        write(item)
-        ends.append(stream.tell())
-    return stream.getvalue(), ends
-
-
-def same_records(found, expected):
-    assert [type(item) for item in found] == [type(item) for item in expected]
-    assert bits(found) == bits(expected)
-
-
-@given(st.lists(records, max_size=6))
-def test_records_are_read_as_they_were_written(items):
-    data, _ = written(items)
-    found = list(record.read(io.BytesIO(data)))
-    same_records(found, items)
-    for item in found:
-        if isinstance(item, Samples | LinkRows):
-            row = Sample if isinstance(item, Samples) else LinkRow
-            assert all(type(entry) is row for entry in item.rows)
-
-
-RECORDS = [
-    Event("started", 0, {"robots": [1, 2], "note": "ünï"}),
-    Samples([Sample(0, 1, 0.1, -0.0, 5e-324, 1.0, 2.0, None, None)]),
-    LinkRows([LinkRow(0, 10, 1, 2, 0, "delivered"), LinkRow(0, None, 2, 1, 0, "lost: random")]),
-    Samples([]),
-    Samples([Sample(10, 1, math.inf, math.nan, 0.0, 1.0, 2.0, 3.0, -4.0)] * 2),
-    Outcome("diverged", 10, 1, "state is not finite"),
-]
-
-
-def test_stream_cut_at_any_byte_yields_the_records_before_the_cut():
-    data, ends = written(RECORDS)
-    for cut in range(len(data) + 1):
-        whole = sum(end <= cut for end in ends)
-        same_records(list(record.read(io.BytesIO(data[:cut]))), RECORDS[:whole])
-
-
-class Drip(io.BytesIO):
-    """A stream that hands out a few bytes at a time, as a pipe may."""
-
-    def read1(self, size=-1):
-        return super().read1(3)
-
-
-def test_stream_that_comes_in_drips_yields_the_same():
-    same_records(list(record.read(Drip(written(RECORDS)[0]))), RECORDS)
-
-
-def test_every_record_is_out_at_once():
-    """What was sent before a process was killed can be read."""
-    raw = io.BytesIO()
-    write = record.writer(io.BufferedWriter(raw, 2**20))
-    for count, item in enumerate(RECORDS, start=1):
-        write(item)
-        same_records(list(record.read(io.BytesIO(raw.getvalue()))), RECORDS[:count])
-
-
-class Live:
-    """A pipe whose writer lives on: after what is there, a further read would block."""
-
-    def __init__(self, data):
-        self._chunks = iter([data])
-
-    def read1(self, size=-1):
-        return next(self._chunks)
-
-
-def test_records_can_be_taken_while_the_writer_lives_on():
-    data, ends = written(RECORDS)
-    reader = record.read(Live(data[: ends[1] + 1]))
-    same_records([next(reader), next(reader)], RECORDS[:2])

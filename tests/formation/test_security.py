@@ -19,9 +19,11 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.events import Refused, Rejected
+from formnet.formation.records.rows import Samples
+from formnet.formation.records.stream import read
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
-from formnet.formation.wire.record import Event, Samples, read
 from formnet.formation.wire.security import MONITOR, PLANT, Credentials, KeysError, robot_name
 from formnet.lab.launch.launch import Launch, Place, free_port
 from formnet.lab.launch.refusals import MANY
@@ -409,8 +411,8 @@ def test_a_liar_in_a_run_changes_nothing_and_a_stranger_is_told_of(tmp_path):
             time.sleep(0.02)
     assert [process.wait(30) for process in (plant, *agents)] == [0] * 6
     with out.open("rb") as stream:
-        records = list(read(stream))
-    assert not [r for r in records if isinstance(r, Event) and r.kind == "rejected"]
+        records = list(read(stream, range(1, 6)))
+    assert not [r for r in records if isinstance(r, Rejected)]
     samples = [row for r in records if isinstance(r, Samples) for row in r.rows]
     judged = json.loads((tmp_path / "inline" / "verdict.json").read_text())
     assert trajectory_sha256(samples) == judged["trajectory_sha256"]
@@ -426,9 +428,7 @@ def test_all_that_is_refused_is_told_and_nobody_else_accused(tmp_path):
     where = Place(endpoint=f"tls/127.0.0.1:{free_port()}", keys=place)
 
     def told():
-        return {
-            (e.details["who"], e.details["key"]) for e in recording.events if e.kind == "refused"
-        }
+        return {(e.who, e.key) for e in recording.events if isinstance(e, Refused)}
 
     once = [names.broadcast(1), names.from_robot(4)]  # through publishers, which Zenoh logs once
     heard = [names.broadcast(2), names.to_robot(3), names.plant_alive]  # by every robot 3

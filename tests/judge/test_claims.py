@@ -262,7 +262,7 @@ def test_remark_9_s_figure_shows_both_laws_from_the_kill_on():
         Inline().run(resolve(run.scenario), run)
         runs.append(run)
     assert [run.scenario.law.kind for run in runs] == ["cooperative", "leader_follower"]
-    assert [[(e.t_ns, e.details) for e in run.events if e.kind == "kill"] for run in runs] == [
+    assert [[(e.t_ns, e.details) for e in run.events if e.name == "kill"] for run in runs] == [
         [(300_000_000, {"robots": [4]})]
     ] * 2
     figure = figures.compared(*runs)

@@ -2,7 +2,7 @@
 
 import json
 import random
-from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.events import Kill, Lost, Resume
 from formnet.formation.scenario.loading import load
-from formnet.formation.wire.record import Event
 from formnet.lab.commands.many import nemesis as command
 from formnet.lab.launch import inline
 from formnet.lab.launch.inline import Inline
@@ -156,52 +156,51 @@ def wrong_instant(copy):
 
 
 def no_kill(copy):
-    copy.events = [event for event in copy.events if event.kind != "kill"]
+    copy.events = [event for event in copy.events if event.name != "kill"]
 
 
 def another_kill(copy):
-    copy.events.insert(-1, Event("kill", 900 * MS, {"robots": [2]}))
+    copy.events.insert(-1, Kill(900 * MS, (2,)))
 
 
 def resumed_for_nothing(copy):
-    copy.events.insert(-1, Event("resume", 900 * MS, {"robots": [2]}))
+    copy.events.insert(-1, Resume(900 * MS, (2,)))
 
 
 def backwards(copy):
-    places = [k for k, event in enumerate(copy.events) if event.kind in ("pause", "resume")]
+    places = [k for k, event in enumerate(copy.events) if event.name in ("pause", "resume")]
     a, b = places
     copy.events[a], copy.events[b] = copy.events[b], copy.events[a]
 
 
 def no_end(copy):
-    copy.events = [event for event in copy.events if event.kind != "last tick"]
+    copy.events = [event for event in copy.events if event.name != "last tick"]
 
 
 def lost(copy):
-    details = {"robot": 2, "reason": "its process is gone", "tick": 1001}
-    copy.events.insert(-1, Event("lost", 1000 * MS, details))
+    copy.events.insert(-1, Lost(1000 * MS, 2, "its process is gone", 1001))
 
 
-def with_motion(copy, change):
-    place = next(k for k, event in enumerate(copy.events) if event.kind == "extremes")
-    copy.events[place] = deepcopy(copy.events[place])
-    change(copy.events[place].details)
+def with_motion(copy, what, **values):
+    place = next(k for k, event in enumerate(copy.events) if event.name == "extremes")
+    told = copy.events[place]
+    copy.events[place] = replace(told, **{what: replace(getattr(told, what), **values)})
 
 
 def no_extremes(copy):
-    copy.events = [event for event in copy.events if event.kind != "extremes"]
+    copy.events = [event for event in copy.events if event.name != "extremes"]
 
 
 def slower(copy):
-    with_motion(copy, lambda found: found["top_speed"].update(speed_mps=1.0))
+    with_motion(copy, "top_speed", speed_mps=1.0)
 
 
 def turning_less(copy):
-    with_motion(copy, lambda found: found["top_turn_rate"].update(turn_rate_radps=0.01))
+    with_motion(copy, "top_turn_rate", turn_rate_radps=0.01)
 
 
 def further_apart(copy):
-    with_motion(copy, lambda found: found["closest"].update(distance_m=99.0))
+    with_motion(copy, "closest", distance_m=99.0)
 
 
 @pytest.mark.parametrize(
@@ -225,7 +224,7 @@ def further_apart(copy):
         (no_extremes, "motion: its extremes must be recorded once, and are 0 times"),
         (slower, "ns is above 1.0"),
         (turning_less, "motion: turn_rate_radps "),
-        (further_apart, "closer than recorded: {'distance_m': 99.0"),
+        (further_apart, "closer than recorded: 99 m (robots 3 and 4, at "),
     ],
 )
 def test_what_is_wrong_with_a_record_is_named(record, change, words):

@@ -16,10 +16,12 @@ from verdicts import made
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.geometry import Errors
+from formnet.formation.records import events
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRow, LinkRows, Sample, Samples
 from formnet.formation.scenario.expect import CRITERIA, ERRORS, Expect
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.messages import Rejected
-from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.lab.judge.errors import settling_time, window_s
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.folders import RunExists
@@ -378,8 +380,8 @@ def test_verdict_counts_messages_and_the_latest_refusals(tmp_path, paper):
         Rejected(1, 5, "malformed", 2),
     ]
     for item in refused:
-        recording(Event("rejected", S, item._asdict()))
-    recording(Event("waiting", S, {"for": "join", "robots": [1]}))
+        recording(events.Rejected(S, **item._asdict()))
+    recording(events.Waiting(S, "join", (1,)))
     messages = judge(recording).messages
     assert messages.sent == 4
     assert messages.fates == {"delivered": 3, "lost: random": 1}
@@ -464,7 +466,7 @@ def test_recording_takes_an_empty_folder_and_makes_what_is_missing(tmp_path, pap
 def test_events_are_on_disk_at_once(tmp_path, paper):
     recording = Recording(tmp_path / "run", paper("theorem4"))
     path = tmp_path / "run" / "events.jsonl"
-    recording(Event("waiting", 1_500_000_000, {"for": "join", "robots": [2, 3]}))
+    recording(events.Waiting(1_500_000_000, "join", (2, 3)))
     (line,) = path.read_text(encoding="utf-8").splitlines()
     entry = json.loads(line)
     assert datetime.fromisoformat(entry.pop("wall")).tzinfo is not None

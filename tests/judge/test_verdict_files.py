@@ -14,8 +14,8 @@ from rich.console import Console
 from verdicts import RICH, made
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.expect import ERRORS
-from formnet.formation.wire.record import Outcome
 from formnet.lab.launch.inline import Inline
 from formnet.lab.pages.comparison import comparison
 from formnet.lab.pages.listing import look_at

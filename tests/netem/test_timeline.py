@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.plan.partition import PartitionAction
+from formnet.formation.records.rows import LinkRows
 from formnet.formation.scenario.loading import ScenarioError, dumps, load, loads
-from formnet.formation.wire.record import LinkRows
 from formnet.lab.launch.inline import Inline
 from formnet.netem import Change, Cut, Heal, LinkOverrides, LinkSettings, Ramp, Timeline
 from formnet.netem.settings.links import SettingError

@@ -61,7 +61,7 @@ def found_by(ids, dynamic, ticks):
         extremes.at(t_ns, states)
         for drive in drives:
             extremes.asked(t_ns, *drive)
-    return extremes.details()
+    return extremes.event(0).details
 
 
 coarse = st.sampled_from([-2.0, -1.0, -0.0, 0.0, 1.0, 2.0])  # ties, and robots at one place
@@ -197,7 +197,7 @@ def test_who_stands_costs_nothing():
 
 def test_before_any_tick_there_is_nothing():
     nothing = dict.fromkeys(("closest", "top_speed", "top_turn_rate", "top_command"))
-    assert Extremes([1, 2], dynamic=True).details() == nothing
+    assert Extremes([1, 2], dynamic=True).event(0).details == nothing
 
 
 # --- in the plant -----------------------------------------------------------------------
@@ -239,7 +239,7 @@ def test_what_lies_between_two_broadcasts_is_seen():
     world = driven_to_the_end(
         World(resolve(two())), lambda robot, _: (37.0 if robot == 7 else -37.0, 0.0)
     )
-    found = world.extremes.details()
+    found = world.extremes.event(0).details
     assert found["closest"]["distance_m"] == pytest.approx(0.096, abs=1e-12)
     assert (found["closest"]["robots"], found["closest"]["t_s"]) == ([7, 3], 0.013)
     rows = world.take_samples()
@@ -258,7 +258,7 @@ def test_a_command_counts_before_the_wheel_s_limit_and_in_either_wheel():
     world = driven_to_the_end(
         World(resolve(limited)), lambda *which: commands.get(which, (0.0, 0.0))
     )
-    found = world.extremes.details()["top_command"]
+    found = world.extremes.event(0).details["top_command"]
     assert found == {"torque_nm": 900.0, "robot": 7, "t_s": 0.004}
     assert max(row.torque_right_nm for row in world.take_samples()) <= 2.0
 
@@ -277,7 +277,7 @@ def test_a_robot_that_is_dead_can_be_hit_and_is_no_source_of_commands():
         ),
         lambda *_: (37.0, 0.0),
     )
-    found = world.extremes.details()
+    found = world.extremes.event(0).details
     assert found["closest"]["robots"] == [7, 3]
     assert found["closest"]["t_s"] == 0.026  # after 0.962 m at 37 m/s
     assert found["closest"]["distance_m"] == pytest.approx(0.096, abs=1e-12)
@@ -290,7 +290,7 @@ def test_where_everybody_is_down_bodies_move_on():
         World(resolve(two(kill, "plant.body_on_failure=coast"))),
         lambda robot, _: (37.0 if robot == 7 else -37.0, 0.0),
     )
-    assert world.extremes.details()["closest"]["t_s"] == 0.013
+    assert world.extremes.event(0).details["closest"]["t_s"] == 0.013
 
 
 @given(st.integers(0, 2**32), st.sampled_from(["dynamic", "kinematic"]))
@@ -311,17 +311,21 @@ def test_the_order_of_answers_does_not_matter(seed, level):
         driven_to_the_end(World(resolve(two(level=level))), lambda *which: asked[which], shuffle)
         for shuffle in (shuffled, sorted, lambda robots: robots)
     ]
-    assert len({repr(world.extremes.details()) for world in found}) == 1
+    assert len({repr(world.extremes.event(0).details) for world in found}) == 1
 
 
 def test_a_tick_that_is_not_complete_does_not_count():
     world = World(resolve(two()))
     world.on_drive(Drive(3, 0, 1e6, 0.0))
-    assert world.extremes.details()["closest"] is world.extremes.details()["top_command"] is None
+    assert (
+        world.extremes.event(0).details["closest"]
+        is world.extremes.event(0).details["top_command"]
+        is None
+    )
     world.on_drive(Drive(7, 0, 1.0, 0.0))
-    assert world.extremes.details()["top_command"]["robot"] == 3
+    assert world.extremes.event(0).details["top_command"]["robot"] == 3
     world.on_drive(Drive(3, 1, 2e6, 0.0))
-    assert world.extremes.details()["top_command"]["speed_mps"] == 1e6
+    assert world.extremes.event(0).details["top_command"]["speed_mps"] == 1e6
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -330,7 +334,7 @@ def test_a_command_that_is_not_finite_is_left_out_and_the_others_of_its_tick_are
     world.on_drive(Drive(7, 0, 1e6, bad))
     world.on_drive(Drive(3, 0, 5.0, -6.0))
     assert world.diverged is not None
-    found = world.extremes.details()
+    found = world.extremes.event(0).details
     assert found["top_command"] == {"torque_nm": 6.0, "robot": 3, "t_s": 0.0}
     json.dumps(found, allow_nan=False)
 
@@ -351,7 +355,7 @@ def test_drives_at_the_ticks_have_the_same_extremes_in_real_time(level, seed):
             timed.drive(robot, t_ns, *command)
             virtual.on_drive(Drive(robot, tick, *command))
     timed.advance(timed.end_ns)
-    assert repr(timed.extremes.details()) == repr(virtual.extremes.details())
+    assert repr(timed.extremes.event(0).details) == repr(virtual.extremes.event(0).details)
 
 
 def test_in_real_time_all_ticks_count_though_nobody_asks_at_them():
@@ -359,7 +363,7 @@ def test_in_real_time_all_ticks_count_though_nobody_asks_at_them():
     world.drive(7, 0, 37.0, 0.0)
     world.drive(3, 0, -37.0, 0.0)
     world.advance(50 * MS)
-    found = world.extremes.details()
+    found = world.extremes.event(0).details
     assert found["closest"]["distance_m"] == pytest.approx(0.096, abs=1e-12)
     assert found["closest"]["t_s"] == 0.013
 
@@ -370,6 +374,6 @@ def test_in_real_time_what_comes_after_a_divergence_does_not_count():
     world.drive(7, 2 * MS, math.nan, 0.0)
     world.drive(3, 2 * MS, 99.0, 0.0)
     world.advance(50 * MS)
-    found = world.extremes.details()
+    found = world.extremes.event(0).details
     assert found["top_command"] is None
     assert found["top_speed"] == {"speed_mps": 0.0, "robot": 7, "t_s": 0.0}

@@ -4,19 +4,21 @@ import copy as copies
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from command_line import formnet
 
 from formnet.formation.briefing.resolving import resolve
-from formnet.formation.wire.record import Event, Outcome
+from formnet.formation.records import events
+from formnet.formation.records.events import Event
+from formnet.formation.records.outcome import Outcome
 from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis import trial
 from formnet.lab.pages.report import write_report
 from formnet.lab.runs.difference import other_extremes
 from formnet.lab.runs.recording import Collected
-from formnet.lab.runs.words import extremes_told, told
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.verdict.model import judge
 from formnet.lab.verdict.recorded import read_run, read_whole
@@ -88,8 +90,8 @@ def test_a_run_tells_its_extremes_once_and_before_how_it_ended(paper, overrides,
     assert outcome.kind == ends
     assert isinstance(records[-1], Outcome)
     assert isinstance(records[-2], Event)
-    assert (records[-2].kind, records[-2].t_ns) == ("extremes", outcome.t_ns)
-    assert [r.kind for r in records if isinstance(r, Event)].count("extremes") == 1
+    assert (records[-2].name, records[-2].t_ns) == ("extremes", outcome.t_ns)
+    assert [r.name for r in records if isinstance(r, Event)].count("extremes") == 1
     found = records[-2].details
     assert json.loads(json.dumps(found, allow_nan=False)) == found
     assert all(some is not None and some["t_s"] <= outcome.t_ns / 1e9 for some in found.values())
@@ -111,7 +113,7 @@ def test_one_robot_alone_is_close_to_nobody(paper):
     found = collected(paper("theorem4", lone, "formation.edges=[]", "duration_s=0.2"))
     assert found.motion["closest"] is None
     assert found.motion["top_speed"]["robot"] == 7
-    assert told("extremes", found.motion).startswith("top speed ")
+    assert next(iter(events.event("extremes", 0, found.motion).titled)) == "top speed"
 
 
 def test_the_verdict_has_what_the_plant_told(recorded):
@@ -131,16 +133,19 @@ def test_the_verdict_has_what_the_plant_told(recorded):
 
 
 def test_extremes_in_words():
-    assert extremes_told(MOTION) == WORDS
-    assert told("extremes", MOTION) == "; ".join(f"{what} {words}" for what, words in WORDS.items())
-    slow = {"top_command": {"speed_mps": 2e9, "robot": 5, "t_s": 0.0}, "closest": None}
-    assert told("extremes", slow) == "top command 2e+09 m/s (robot 5, at 0.000 s)"
-    assert extremes_told({"closest": None}) == {}
+    whole = events.event("extremes", 0, MOTION)
+    assert whole.titled == WORDS
+    assert whole.words == "; ".join(f"{what} {words}" for what, words in WORDS.items())
+    slow = dict.fromkeys(MOTION) | {"top_command": {"speed_mps": 2e9, "robot": 5, "t_s": 0.0}}
+    words = events.event("extremes", 0, slow).words
+    assert words == "top command 2e+09 m/s (robot 5, at 0.000 s)"
+    assert events.event("extremes", 0, dict.fromkeys(MOTION)).titled == {}
 
 
 def test_the_terminal_the_page_and_the_events_tell_them(recorded):
     folder, said = recorded
-    words = told("extremes", json.loads((folder / "verdict.json").read_text())["motion"])
+    told = json.loads((folder / "verdict.json").read_text())["motion"]
+    words = events.event("extremes", 0, told).words
     assert words in said
     page = (folder / "report.html").read_text()
     assert f'<td class="wide">{words}</td>' in page
@@ -166,25 +171,22 @@ def test_a_run_from_before_has_none_and_is_read_all_the_same(copy, tmp_path):
     "nonsense",
     [
         3,
-        {"closest": 3},
-        {"closest": {"t_s": 1.0}},
-        {"closest": {"distance_m": 1.0}},
-        {"top_speed": {"speed_mps": None, "robot": 1, "t_s": 1.0}},
-        {"closest": {"distance_m": 1.0, "robots": [1], "t_s": 1.0}},
-        {"top_speed": {"acceleration": 1.0, "robot": 1, "t_s": 1.0}},
+        MOTION | {"closest": 3},
+        MOTION | {"closest": {"t_s": 1.0}},
+        MOTION | {"closest": {"distance_m": 1.0}},
+        MOTION | {"top_speed": {"speed_mps": None, "robot": 1, "t_s": 1.0}},
+        MOTION | {"closest": {"distance_m": 1.0, "robots": [1], "t_s": 1.0}},
+        MOTION | {"top_speed": {"acceleration": 1.0, "robot": 1, "t_s": 1.0}},
     ],
 )
 def test_what_are_no_extremes_is_said(copy, nonsense):
     change_verdict(copy, lambda judged: judged.update(motion=nonsense))
     assert any("verdict.json is not a verdict" in problem for problem in read_run(copy).problems)
     if isinstance(nonsense, dict):
-        with (copy / "events.jsonl").open("a") as events:
+        with (copy / "events.jsonl").open("a") as file:
             line = {"t_s": 0.4, "event": "extremes", "wall": "2026-01-01T00:00:00Z", **nonsense}
-            events.write(json.dumps(line) + "\n")
-        assert any(
-            "events.jsonl cannot be read: not the extremes of a motion" in problem
-            for problem in read_run(copy).problems
-        )
+            file.write(json.dumps(line) + "\n")
+        assert any(": extremes" in problem for problem in read_run(copy).problems)
     write_report(copy)
 
 
@@ -243,9 +245,7 @@ def test_nemesis_compares_them(paper):
     second = copies.copy(first)
     assert trial._differences(first, second) == []
     second.events = [
-        event._replace(details=event.details | {"closest": None})
-        if event.kind == "extremes"
-        else event
+        replace(event, closest=None) if isinstance(event, events.Extremes) else event
         for event in first.events
     ]
     (problem,) = trial._differences(first, second)

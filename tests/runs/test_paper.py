@@ -6,8 +6,8 @@ import pytest
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.geometry import rotated
+from formnet.formation.records.rows import Samples
 from formnet.formation.scenario.expect import ERRORS
-from formnet.formation.wire.record import Samples
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Recording, Trajectories

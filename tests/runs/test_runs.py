@@ -24,9 +24,11 @@ from plugin import install
 from formnet.agent.law import Command
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.briefing.situation import Situation
+from formnet.formation.records.events import Rejected, Waiting
+from formnet.formation.records.rows import Samples
+from formnet.formation.records.stream import Record, read
 from formnet.formation.scenario.loading import load
-from formnet.formation.wire import bus, record
-from formnet.formation.wire.record import Event, Record
+from formnet.formation.wire import bus
 from formnet.lab.launch.inline import Inline
 from formnet.lab.launch.launch import free_port
 from formnet.lab.runs import build
@@ -453,14 +455,10 @@ def test_strangers_on_the_bus_are_refused_counted_and_change_nothing(start, root
             time.sleep(0.02)
     assert [p.wait(30) for p in (plant, *agents)] == [0] * 6
     with out.open("rb") as stream:
-        records = list(record.read(stream))
-    rejected = {
-        (r.details["robot"], r.details["source"])
-        for r in records
-        if isinstance(r, record.Event) and r.kind == "rejected"
-    }
+        records = list(read(stream, range(1, 6)))
+    rejected = {(record.robot, record.source) for record in records if isinstance(record, Rejected)}
     assert {(2, 1), (5, 1), ("plant", 2)} <= rejected
-    samples = [row for r in records if isinstance(r, record.Samples) for row in r.rows]
+    samples = [row for record in records if isinstance(record, Samples) for row in record.rows]
     from formnet.lab.runs.recording import trajectory_sha256
 
     assert trajectory_sha256(samples) == reference.verdict()["trajectory_sha256"]
@@ -609,7 +607,7 @@ def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tm
     class Sink(Recording):
         def __call__(self, record: Record) -> None:
             super().__call__(record)
-            if isinstance(record, Event) and record.kind == "waiting":
+            if isinstance(record, Waiting):
                 told.set()
 
     monkeypatch.setattr("formnet.lab.launch.stuck.PATIENCE_S", 0.05)
@@ -623,9 +621,9 @@ def test_a_law_that_does_not_come_back_inline_is_named_and_ended(monkeypatch, tm
     assert (outcome.kind, outcome.t_ns) == ("interrupted", 3 * 10**6)
     where = r"stopped by the user, in the law of robot 4 \(test_runs\.py:\d+\)"
     assert re.fullmatch(where, outcome.reason)
-    (waiting,) = [event for event in recording.events if event.kind == "waiting"]
-    assert waiting.details["robots"] == [4]
-    assert re.fullmatch(r"answer \(it is at threading\.py:\d+\)", waiting.details["for"])
+    (waiting,) = [event for event in recording.events if isinstance(event, Waiting)]
+    assert waiting.robots == (4,)
+    assert re.fullmatch(r"answer \(it is at threading\.py:\d+\)", waiting.what)
     assert len(recording.samples) == 5
 
 

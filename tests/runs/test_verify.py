@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import formnet
 
-from formnet.formation.wire.record import LinkRow, Outcome, Sample
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRow, Sample
 from formnet.lab.commands.look import verify
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.difference import first_difference

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
+from formnet.formation.records.rows import Sample, Samples
 from formnet.formation.scenario.loading import loads
-from formnet.formation.wire.record import Sample, Samples
 from formnet.lab.figures.canvas import MOST_BENT, bowed, bows
 from formnet.lab.scenarios.new import Wish, scenario_text
 from formnet.lab.scene.blueprint import half_width

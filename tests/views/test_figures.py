@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
 
+from formnet.formation.records.events import Kill, Lost
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRow, LinkRows, Sample, Samples
 from formnet.formation.scenario.loading import loads
-from formnet.formation.wire.record import Event, LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.lab.claims.figures import compared
 from formnet.lab.figures import links as link_figures
 from formnet.lab.figures import run_figures as figures
@@ -141,7 +143,7 @@ def looks(axes):
 def test_twenty_robots_can_be_told_apart_in_every_figure():
     scenario = scenario_of(robots=20, pattern="grid")
     run = recorded(scenario, seconds=1)
-    kill = Event("kill", 0, {"robots": [3]})
+    kill = Kill(0, (3,))
     for figure in (figures.paths(run), headings(run, run.trajectories)):
         found = looks(figure.axes[0])
         assert len({colour for colour, _ in found}) == 20
@@ -334,7 +336,7 @@ HAPPENED = """timeline=[
 def test_what_befell_robots_and_links_is_marked_and_said():
     run = recorded(scenario_of(HAPPENED, "robots.1.damping=0.0"))
     tick = 10**9 // run.scenario.clock.control_period_ns
-    run(Event("lost", 10**9, {"robot": 3, "reason": "gone", "tick": tick}))
+    run(Lost(10**9, 3, "gone", tick))
     end_ns = 3 * 10**9
     found = {edge: tuple(cuts(run.scenario, edge, end_ns)) for edge in run.scenario.formation.edges}
     assert found == {

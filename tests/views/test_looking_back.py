@@ -17,9 +17,10 @@ from command_line import formnet
 from verdicts import made
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.events import Lost
+from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.loading import load, loads
-from formnet.formation.wire.record import Event, Outcome
 from formnet.lab.cli import main
 from formnet.lab.launch.inline import Inline
 from formnet.lab.pages import listing as runs
@@ -94,8 +95,8 @@ def test_what_is_read_is_what_was_recorded(tmp_path):
     assert back.problems == ["has no verdict.json"]
     assert repr(back.samples) == repr(recording.samples)
     assert back.link_rows == recording.sorted_link_rows
-    assert [(e.kind, e.t_ns) for e in back.events] == [(e.kind, e.t_ns) for e in recording.events]
-    assert {"network", "kill"} <= {event.kind for event in back.events}
+    assert back.events == recording.events
+    assert {"network", "kill"} <= {event.name for event in back.events}
     assert json.dumps([e.details for e in back.events]) == json.dumps(
         [e.details for e in recording.events]
     )
@@ -106,12 +107,12 @@ def test_what_is_read_is_what_was_recorded(tmp_path):
 
 def test_an_unplanned_loss_is_no_outcome(tmp_path, paper):
     recording = Recording(tmp_path / "run", paper("section5"))
-    recording(Event("lost", 10**9, {"robot": 2, "reason": "gone", "tick": 1000}))
+    recording(Lost(10**9, 2, "gone", 1000))
     assert read_run(tmp_path / "run").outcome is None
     recording(Outcome("lost", 10**9, 2, "gone"))
     back = read_run(tmp_path / "run")
     assert back.outcome == Outcome("lost", 10**9, 2, "gone")
-    assert [event.kind for event in back.events] == ["lost"]
+    assert back.events == [Lost(10**9, 2, "gone", 1000)]
     assert 2 not in back.up_at(2 * 10**9)
 
 
@@ -126,14 +127,33 @@ def test_a_run_is_known_to_go_on_until_its_recording_is_closed(tmp_path, paper):
     assert runs.look_at(tmp_path / "run").standing == "did not end"
 
 
+def line_with(**fields):
+    """A line of events.jsonl with these fields."""
+    kill = {"t_s": 0.1, "event": "kill", "robots": [1], "wall": "2026-01-01T00:00:00Z"}
+    return json.dumps(kill | fields) + "\n"
+
+
 BROKEN = [
     ("verdict.json", None, "has no verdict.json"),
     ("verdict.json", "{}", "verdict.json is not a verdict"),
-    ("events.jsonl", "[1]\n", "events.jsonl cannot be read: no event: [1]"),
-    ("events.jsonl", '{"t_s": "x", "event": "a", "wall": ""}\n', "events.jsonl cannot be read"),
-    ("events.jsonl", '{"t_s": 0, "event": "lost", "wall": ""}\n', "a loss without robot and tick"),
-    ("events.jsonl", '{"t_s": 1e999, "event": "a", "wall": ""}\n', "no event: "),
-    ("events.jsonl", '{"t_s": 0, "event": "a", "wall": 3}\n', "no event: "),
+    ("events.jsonl", "[1]\n", "events.jsonl cannot be read: line 1: [1]: must be a table"),
+    ("events.jsonl", line_with(t_s="x"), "line 1: t_s: 'x': must be a time in seconds"),
+    ("events.jsonl", line_with(t_s=math.inf), "line 1: t_s: inf: must be a time in seconds"),
+    ("events.jsonl", line_with(wall=3), "line 1: wall: 3: must be a time such as 20"),
+    ("events.jsonl", line_with(event="lots"), "line 1: event: 'lots': is none of started, "),
+    (
+        "events.jsonl",
+        line_with(event="lost"),
+        "line 1: outcome: 'robots': is none of robot, reason",
+    ),
+    (
+        "events.jsonl",
+        line_with(robots=[1, 9]),
+        "line 1: kill.robots[1]: 9: no such robot (robots: ",
+    ),
+    ("events.jsonl", line_with(robots=1), "line 1: kill.robots: 1: must be a list"),
+    ("events.jsonl", line_with(why=1), "line 1: kill: 'why': is none of robots"),
+    ("events.jsonl", "\xff\n", "line 1: b'\\xc3\\xbf\\n': is not JSON"),
     ("events.jsonl", None, "has no events.jsonl"),
     ("links.parquet", None, "has no links.parquet"),
     ("states.parquet", "rubbish", "states.parquet or links.parquet cannot be read"),
@@ -215,7 +235,8 @@ def test_the_page_needs_nothing_else_and_can_be_read_by_all(recorded):
 
 def test_text_of_scenarios_and_events_is_escaped(copy):
     with (copy / "events.jsonl").open("a") as file:
-        file.write(json.dumps({"t_s": 0.3, "event": NASTY, "reason": NASTY, "wall": NASTY}) + "\n")
+        file.write(line_with(event="host lost", host=NASTY, reason=NASTY))
+        file.write(line_with(event=NASTY))
     report.write_report(copy)
     page = Page(copy / "report.html")
     assert not page.all("script")
@@ -224,10 +245,10 @@ def test_text_of_scenarios_and_events_is_escaped(copy):
 
 
 def test_a_long_list_of_events_is_bounded(copy):
-    line = {"t_s": 0.1, "event": "waiting", "reason": "x" * 10_000, "wall": "2026-01-01T00:00:00Z"}
+    line = line_with(event="waiting", **{"for": "x" * 10_000})
     own = len((copy / "events.jsonl").read_text().splitlines())
     with (copy / "events.jsonl").open("a") as file:
-        file.writelines(json.dumps(line) + "\n" for _ in range(5000))
+        file.writelines(line for _ in range(5000))
     report.write_report(copy)
     hidden = 5000 + own - report.FIRST_EVENTS - report.LAST_EVENTS
     text = Page(copy / "report.html").text
@@ -494,7 +515,7 @@ def test_csv_holds_every_row(recorded, tmp_path):
         assert row["t_usable_ns"] == ("" if link.t_usable_ns is None else str(link.t_usable_ns))
     events = rows("events.csv")
     assert [(float(e["t_s"]), e["event"]) for e in events[:-1]] == [
-        (e.t_ns / 1e9, e.kind) for e in back.events
+        (e.t_ns / 1e9, e.name) for e in back.events
     ]
     assert [json.loads(e["details"]) for e in events[:-1]] == [e.details for e in back.events]
     code, said = formnet("export", recorded, "--format", "csv", "--out", tmp_path / "csv")
@@ -535,11 +556,11 @@ def test_mcap_holds_every_sample_message_and_event(recorded, mcap):
     )
     events = [(at, data) for name, _, at, _, data in mcap if name == "foxglove.Log"]
     assert [(at, log["name"]) for at, log in events] == [
-        *((e.t_ns, e.kind) for e in back.events),
+        *((e.t_ns, e.name) for e in back.events),
         (back.outcome.t_ns, back.outcome.kind),
     ]
     for (_, log), event in zip(events, back.events, strict=False):
-        assert log["message"] == f"{event.kind} {json.dumps(event.details, ensure_ascii=False)}"
+        assert log["message"] == f"{event.name} {json.dumps(event.details, ensure_ascii=False)}"
 
 
 def test_mcap_puts_everything_at_its_time(mcap):

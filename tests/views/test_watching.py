@@ -19,9 +19,10 @@ from playwright.sync_api import sync_playwright
 from rerun.chunk import RrdReader
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.outcome import Outcome
+from formnet.formation.records.rows import LinkRow, LinkRows, Sample, Samples
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
-from formnet.formation.wire.record import LinkRow, LinkRows, Outcome, Sample, Samples
 from formnet.lab.launch.distributed import Distributed
 from formnet.lab.launch.launch import LocalChild, Place, free_port
 from formnet.lab.machines import keys
@@ -340,7 +341,7 @@ def test_a_monitor_that_hangs_or_dies_is_not_noticed(tmp_path, recorded, number)
     monitor.wait()
     judged = json.loads((recorded / "verdict.json").read_text())
     assert trajectory_sha256(recording.samples) == judged["trajectory_sha256"]
-    assert not [event for event in recording.events if event.kind == "waiting" and event.t_ns]
+    assert not [event for event in recording.events if event.name == "waiting" and event.t_ns]
 
 
 @pytest.mark.processes

@@ -16,13 +16,14 @@ from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import FOLDER, Command, out_option
 from formnet.lab.runs import files
 from formnet.lab.runs.build import install
+from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
 from formnet.lab.runs.recording import LINKS, STATES
 from formnet.lab.text.problems import report_problems
 from formnet.lab.verdict.files import Unreadable
-from formnet.lab.verdict.recorded import Recorded, event_lines, read_whole
+from formnet.lab.verdict.recorded import Recorded, read_whole
 
 
 @click.command("export", cls=Command)
@@ -85,10 +86,14 @@ def _write_all(run: Recorded, folder: Path) -> None:
         with (run.folder / name).open("rb") as stream:
             table = pq.read_table(stream)
         _write_csv(table, (folder / name).with_suffix(".csv"))
-    lines = list(event_lines(run.folder))
-    own = ("t_s", "event", "wall")
-    events = {name: [line.pop(name) for line in lines] for name in own}
-    events["details"] = [json.dumps(line, ensure_ascii=False) for line in lines]
+    lines = list(read_events(run.folder, run.scenario.vehicles))
+    records = [line.record for line in lines]
+    events = {
+        "t_s": [record.t_ns / 1e9 for record in records],
+        "event": [record.name for record in records],
+        "wall": [line.wall for line in lines],
+        "details": [json.dumps(record.details, ensure_ascii=False) for record in records],
+    }
     _write_csv(pa.table(events), folder / "events.csv")
 
 

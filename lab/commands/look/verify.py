@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.formation.wire.record import Record
 from formnet.lab.commands.options import RUNS, Command
 from formnet.lab.forecast.foresight import obstacle
 from formnet.lab.launch.engine import EngineName, engine

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.formation.wire.record import Outcome
 from formnet.lab.commands.options import (
     KEYS,
     OVERRIDE,
