@@ -30,6 +30,7 @@ HOT = [
     "formnet/formation/wire/broadcast.py",
     "formnet/formation/wire/bus.py",
     "formnet/formation/wire/messages.py",
+    "formnet/formation/wire/plant_bus.py",
     "formnet/formation/wire/state.py",
     "formnet/formation/wire/tuples.py",
     "formnet/netem/delays/copula.py",

@@ -13,16 +13,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
-import zenoh
+from mypy_extensions import mypyc_attr
 
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.records import events
 from formnet.formation.records.outcome import Outcome, OutcomeKind
 from formnet.formation.records.rows import LinkRows, Samples
 from formnet.formation.records.stream import Record, Streamed
-from formnet.formation.wire import bus
 from formnet.formation.wire.messages import (
     PLANT,
     PROTOCOL,
@@ -36,6 +35,7 @@ from formnet.formation.wire.messages import (
     Rejected,
     encode,
 )
+from formnet.formation.wire.plant_bus import PlantBus
 from formnet.plant.extremes import Extremes
 
 PATIENCE_S = 1.0
@@ -57,16 +57,17 @@ class Ended(Exception):
 
 
 class Patience:
-    """Runs out each time that nothing has changed for ``seconds``."""
+    """Runs out each time that nothing has changed for ``seconds`` of the clock ``now_s``."""
 
-    def __init__(self, seconds: float = PATIENCE_S) -> None:
+    def __init__(self, now_s: Callable[[], float], seconds: float = PATIENCE_S) -> None:
+        self._now_s = now_s
         self._seconds = seconds
         self._mark: object = None
-        self._since = time.monotonic()
+        self._since = now_s()
 
     def lost(self, mark: object) -> bool:
         """Whether ``mark`` has been the same for so long (again, since the last time it was)."""
-        now = time.monotonic()
+        now = self._now_s()
         if mark != self._mark:
             self._mark, self._since = mark, now
         if now - self._since < self._seconds:
@@ -94,41 +95,58 @@ Note = Message | Record | Turn | Vanished
 """What the main thread gets from the others."""
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Mailbox:
+    """What other threads leave for the main one, and the clock by which that waits."""
+
+    def __init__(self) -> None:
+        self._notes: queue.SimpleQueue[Note] = queue.SimpleQueue()
+
+    def now_s(self) -> float:
+        """Seconds on a clock that only goes forward."""
+        return time.monotonic()
+
+    def put(self, note: Note) -> None:
+        """Leave a note, from any thread."""
+        self._notes.put(note)
+
+    def get(self, timeout_s: float) -> Note | None:
+        """The next note; None if none comes within ``timeout_s``."""
+        with suppress(queue.Empty):
+            return self._notes.get(timeout=timeout_s)
+        return None
+
+
 class Host:
-    """Hosts run ``run`` of ``plan`` on ``session`` and reports to ``sink``.
+    """Hosts a run of ``plan`` on ``bus`` and reports to ``sink``.
 
     If nothing new comes from the robots within ``start_patience_s`` before the first tick,
-    the run ends; None waits for as long as it takes. ``blocking``: where the network is full,
-    wait until robots have taken what is for them, rather than drop it.
+    the run ends; None waits for as long as it takes.
     """
 
-    blocking = True
+    blocking: ClassVar[bool] = True
+    """Where the network is full, wait until robots have taken what is for them: do not drop it."""
 
     def __init__(
         self,
-        session: zenoh.Session,
+        bus: PlantBus,
         plan: Plan,
-        run: str,
         sink: Callable[[Streamed], None],
         start_patience_s: float | None = None,
+        mailbox: Mailbox | None = None,
     ) -> None:
-        self._session = session
+        self._bus = bus
         self._plan = plan
         self._start_patience_s = start_patience_s
         self._sink = sink
-        self._keys = bus.Keys(run)
-        self._inbox: queue.SimpleQueue[Note] = queue.SimpleQueue()
+        self._inbox = mailbox or Mailbox()
         self._joined: set[int] = set()  # who has a process that takes part
         self._connected: set[int] = set()  # by liveliness
         self._lock = threading.Lock()  # guards the world
         self._running = False
         self._refused: Counter[tuple[int, str]] = Counter()
         self._complaints: Counter[int] = Counter()  # how often each robot told of refusals
-        self._to_robots = {
-            robot: bus.publisher(session, self._keys.to_robot(robot), blocking=self.blocking)
-            for robot in plan.ids
-        }
-        self._subscriptions: list[Any] = []
+        self._to_robots = {robot: bus.sender(robot) for robot in plan.ids}
 
     def stop(self) -> None:
         """End the run soon, keeping what was recorded."""
@@ -136,7 +154,7 @@ class Host:
 
     def run(self) -> Outcome:
         """Host the run from the handshake to the last report."""
-        self._listen()
+        self._bus.listen(self._plan.ids, self._on_message, self._refuse, self._on_liveliness)
         began = False
         try:
             self._gather()
@@ -199,7 +217,7 @@ class Host:
         raise NotImplementedError
 
     def _on_message(self, robot: int, message: Message) -> None:
-        """A message of a robot, on a thread of Zenoh's."""
+        """A message of a robot, on a thread of the bus."""
         raise NotImplementedError
 
     # --- the main thread -----------------------------------------------------------
@@ -209,8 +227,7 @@ class Host:
         joined = self._joined
         ready: set[int] = set()
         everyone = set(self._plan.ids)
-        patience = Patience()
-        last_patience = Patience(self._start_patience_s or inf)
+        patience, last_patience = self._patience(), self._patience(self._start_patience_s or inf)
         while ready != everyone:
             if last_patience.lost((len(joined), len(ready))):
                 late = everyone - joined
@@ -243,9 +260,10 @@ class Host:
         return {robot for robot in unready if unready.issuperset(neighbours[robot])} or unready
 
     def _next(self, seconds: float = PATIENCE_S / 4) -> Note | None:
-        with suppress(queue.Empty):
-            return self._inbox.get(timeout=seconds)
-        return None
+        return self._inbox.get(seconds)
+
+    def _patience(self, seconds: float = PATIENCE_S) -> Patience:
+        return Patience(self._inbox.now_s, seconds)
 
     def _mismatch(self, join: Join) -> Outcome:
         return self._outcome(
@@ -308,8 +326,8 @@ class Host:
         if outcome.kind == "failed":
             leaving.discard(outcome.robot or 0)
         hasty = outcome.kind == "interrupted"
-        patience = Patience()
-        since, heard = time.monotonic(), 0
+        patience, now_s = self._patience(), self._inbox.now_s
+        since, heard = now_s(), 0
         while leaving:
             patience_s = min(FAREWELL_S, self._plan.run.patience_s)
             if hasty or not leaving & self._connected:  # what they said last may be on its way
@@ -318,11 +336,11 @@ class Host:
                 self._complain("hand in a last report", sorted(leaving))
             message = self._next(min(patience_s, PATIENCE_S / 4))
             if message is None:
-                if time.monotonic() - since < patience_s:
+                if now_s() - since < patience_s:
                     continue
                 self._sink(events.SilentAtTheEnd(self._t_ns(), tuple(sorted(leaving))))
                 return self._miss(sorted(leaving), outcome)
-            since, heard = time.monotonic(), heard + 1
+            since, heard = now_s(), heard + 1
             if isinstance(message, End):
                 leaving.discard(message.robot)
             elif isinstance(message, Failed):  # it says nothing more
@@ -342,24 +360,12 @@ class Host:
         return other in ids and ids.index(robot) < ids.index(other)
 
     def _tell(self, robot: int, message: Message) -> None:
-        self._to_robots[robot].put(encode(message))
+        self._to_robots[robot](encode(message))
 
     def _outcome(self, kind: OutcomeKind, robot: int | None, reason: str) -> Outcome:
         return Outcome(kind, self._t_ns(), robot, reason)
 
-    # --- Zenoh's threads -------------------------------------------------------------
-
-    def _listen(self) -> None:
-        alive = self._session.liveliness()
-        self._subscriptions += [
-            alive.declare_token(self._keys.plant_alive),
-            alive.declare_subscriber(
-                self._keys.robots_alive, self._on_robot_liveliness, history=True
-            ),
-            bus.on_robots_message(
-                self._session, self._keys, self._plan.ids, self._on_message, self._refuse
-            ),
-        ]
+    # --- the bus's threads ----------------------------------------------------------
 
     def _pass_on(self, robot: int, message: Message) -> None:
         """To the main thread."""
@@ -375,10 +381,9 @@ class Host:
         if count & (count - 1) == 0:
             self._inbox.put(events.Rejected(self._t_ns(), "plant", robot, reason, count))
 
-    def _on_robot_liveliness(self, sample: zenoh.Sample) -> None:
-        robot = bus.last_number(sample.key_expr)
-        if sample.kind == zenoh.SampleKind.DELETE:
+    def _on_liveliness(self, robot: int, here: bool) -> None:
+        if here:
+            self._connected.add(robot)
+        else:
             self._connected.discard(robot)
             self._inbox.put(Vanished(robot))
-        else:
-            self._connected.add(robot)

@@ -1,13 +1,12 @@
 """The plant in lockstep: a thin shell around :class:`plant.world.World`.
 
-Drives arrive on one Zenoh thread, which integrates, and sends the next senses
+Drives arrive on one thread of the bus, which integrates, and sends the next senses
 when a tick is complete; the main thread does everything that goes wrong.
 """
 
 import traceback
 from collections.abc import Callable, Mapping
-
-import zenoh
+from typing import ClassVar
 
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.records import events
@@ -27,9 +26,10 @@ from formnet.formation.wire.messages import (
     Waiting,
     encode,
 )
+from formnet.formation.wire.plant_bus import PlantBus
 from formnet.netem.settings.timeline import NEVER
 from formnet.plant.extremes import Extremes
-from formnet.plant.host import START_PATIENCE_S, Ended, Host, Patience, Turn, Vanished
+from formnet.plant.host import START_PATIENCE_S, Ended, Host, Mailbox, Note, Turn, Vanished
 from formnet.plant.world import World
 
 _FLUSH_TICKS = 100
@@ -45,24 +45,112 @@ def _culprits(awaited: list[int], waiting: Mapping[int, Waiting], tick: int) -> 
     return silent or sorted(named - victims) or awaited
 
 
+class Wait:
+    """The main thread waits, while time stands still, for each of ``robots`` to do ``what``.
+
+    Those in ``done`` have. Who takes too long is lost, unless it is ``dying`` anyway.
+    """
+
+    what: ClassVar[str]
+    dying: ClassVar[bool] = False
+
+    def __init__(self, robots: list[int], done: set[int]) -> None:
+        self.robots = robots
+        self.done = done
+
+    def take(self, note: Note) -> bool:
+        """Whether ``note`` says what this waits for; then it is dealt with."""
+        raise NotImplementedError
+
+
+class Leaving(Wait):
+    """Those that are to be killed hand in their last reports."""
+
+    what: ClassVar[str] = "say its last"
+    dying: ClassVar[bool] = True
+
+    def take(self, note: Note) -> bool:
+        """The end of its reports, or of its connection."""
+        if isinstance(note, End | Vanished) and note.robot in self.robots:
+            self.done.add(note.robot)
+            return True
+        return False
+
+
+class Dying(Wait):
+    """Their processes end."""
+
+    what: ClassVar[str] = "die"
+    dying: ClassVar[bool] = True
+
+    def take(self, note: Note) -> bool:
+        """The end of its connection."""
+        if isinstance(note, Vanished) and note.robot in self.robots:
+            self.done.add(note.robot)
+            return True
+        return False
+
+
+class Joining(Wait):
+    """Processes that were started anew connect."""
+
+    what: ClassVar[str] = "join"
+
+    def take(self, note: Note) -> bool:
+        """That it is here."""
+        if isinstance(note, Join) and note.robot in self.robots:
+            self.done.add(note.robot)
+            return True
+        return False
+
+
+class Meeting(Wait):
+    """Those that were started anew and their neighbours hear each other before ``tick``."""
+
+    what: ClassVar[str] = "meet its neighbours"
+
+    def __init__(self, robots: list[int], done: set[int], tick: int) -> None:
+        super().__init__(robots, done)
+        self.tick = tick
+
+    def take(self, note: Note) -> bool:
+        """That it hears all it had to meet; one for an earlier tick may still be on its way."""
+        if isinstance(note, Ready):
+            if note.tick == self.tick:
+                self.done.add(note.robot)
+            return True
+        return False
+
+
+class CatchingUp(Wait):
+    """Paused robots take in what their neighbours have sent."""
+
+    what: ClassVar[str] = "catch up"
+
+    def take(self, note: Note) -> bool:
+        """That it has."""
+        if isinstance(note, CatchUp):
+            self.done.add(note.robot)
+            return True
+        return False
+
+
 class LockstepPlant(Host):
     """Owns virtual time: a tick is over once every robot that is up has answered it."""
 
     def __init__(
         self,
-        session: zenoh.Session,
+        bus: PlantBus,
         plan: Plan,
-        run: str,
         sink: Callable[[Streamed], None],
         start_patience_s: float | None = None,
+        mailbox: Mailbox | None = None,
     ) -> None:
-        super().__init__(session, plan, run, sink, start_patience_s)
+        super().__init__(bus, plan, sink, start_patience_s, mailbox)
         self._world = World(plan)
         self._gone: list[Gone] = []  # who was lost, unplanned
         self._paused: set[int] = set()
         self._stir_at = NEVER  # the tick at which they have to take in what they have been sent
-        self._behind: set[int] = set()  # who is doing so
-        self._ready: set[int] = set()  # who has met whom it had to meet before this tick
         self._begun = -1  # the tick whose senses were sent last
         self._puts: list[tuple[int, Callable[[bytes], None]]] = []  # to those who are up
         self._prepared: dict[int, bytes] = {}  # each robot's next sense, as soon as it is known
@@ -96,8 +184,8 @@ class LockstepPlant(Host):
         """
         world = self._world
         waiting: dict[int, Waiting] = {}  # what each robot has said last of whom it waits for
-        patience, last_patience = Patience(), Patience(self._plan.run.patience_s)
-        beat = Patience()
+        patience, last_patience = self._patience(), self._patience(self._plan.run.patience_s)
+        beat = self._patience()
         while True:
             tick, awaited = world.tick, world.awaited()
             if patience.lost(tick):
@@ -133,7 +221,7 @@ class LockstepPlant(Host):
                 self._sink(events.planned(verb, world.t_ns, robots))
                 if verb == "kill":
                     self._paused.difference_update(robots)
-                    self._wait("die", robots, self._is_dead, dying=True)
+                    self._wait(Dying(robots, set(robots) - self._connected))
                 elif verb == "restart":
                     restarted = robots
                 elif verb == "pause":
@@ -152,12 +240,11 @@ class LockstepPlant(Host):
         """Have paused robots take in what their neighbours have sent, before it is too much."""
         world = self._world
         if world.tick >= self._stir_at:
-            self._behind = {robot for robot in self._paused if robot in self._joined}
-            stirred = sorted(self._behind)
+            stirred = sorted(self._paused & self._joined)
             self._sink(Stir(tuple(stirred), True))
             for robot in stirred:
                 self._tell(robot, CatchUp(robot, world.tick - 1))
-            self._wait("catch up", stirred, self._has_caught_up)
+            self._wait(CatchingUp(stirred, set()))
             again = tuple(robot for robot in stirred if robot in self._paused)
             self._sink(Stir(again, False))
             self._stir_at = NEVER
@@ -168,21 +255,6 @@ class LockstepPlant(Host):
         else:
             self._stir_at = NEVER
 
-    def _is_dead(self, robot: int) -> bool:
-        return robot not in self._connected
-
-    def _has_joined(self, robot: int) -> bool:
-        return robot in self._joined
-
-    def _has_left(self, robot: int) -> bool:
-        return robot not in self._joined
-
-    def _has_caught_up(self, robot: int) -> bool:
-        return robot not in self._behind
-
-    def _is_ready(self, robot: int) -> bool:
-        return robot in self._ready
-
     def _begin_tick(self) -> None:
         """Send the senses of this tick, or end the run after the last."""
         with self._lock:
@@ -191,7 +263,7 @@ class LockstepPlant(Host):
                 return
             self._begun = self._world.tick
             up = self._world.up
-            self._puts = [(robot, self._to_robots[robot].put) for robot in up]
+            self._puts = [(robot, self._to_robots[robot]) for robot in up]
             for robot, sense in self._world.senses():
                 self._tell(robot, sense)
 
@@ -203,14 +275,13 @@ class LockstepPlant(Host):
         leaving = [robot for robot in robots if robot in self._joined]
         for robot in leaving:
             self._tell(robot, End(robot, KILL, self._world.tick - 1))
-        self._wait("say its last", leaving, self._has_left, dying=True)
+        self._wait(Leaving(leaving, set()))
         self._joined.difference_update(robots)
 
     def _welcome(self, restarted: list[int]) -> None:
         """Brief new processes, and have them and their neighbours meet."""
         world, neighbours = self._world, self._plan.neighbours_of
-        self._ready.clear()
-        self._wait("join", restarted, self._has_joined, least_s=START_PATIENCE_S)
+        self._wait(Joining(restarted, self._joined), START_PATIENCE_S)
         here = [robot for robot in world.up if robot in self._joined]
         meeting: list[int] = []
         for robot in here:
@@ -224,48 +295,26 @@ class LockstepPlant(Host):
                 self._tell(robot, Meet(world.tick, met))
             if new or met:
                 meeting.append(robot)
-        self._wait("meet its neighbours", meeting, self._is_ready, least_s=START_PATIENCE_S)
+        self._wait(Meeting(meeting, set(), world.tick), START_PATIENCE_S)
 
-    def _wait(
-        self,
-        what: str,
-        robots: list[int],
-        done: Callable[[int], bool],
-        *,
-        least_s: float = 0.0,
-        dying: bool = False,
-    ) -> None:
-        """Until ``done`` says yes of all ``robots``.
-
-        Who takes too long is lost, unless it is ``dying`` anyway.
-        """
-        patience = Patience()
-        last_patience = Patience(max(least_s, self._plan.run.patience_s))
+    def _wait(self, wait: Wait, least_s: float = 0.0) -> None:
+        """Until all of the wait's robots that are still here have done it."""
+        patience = self._patience()
+        last_patience = self._patience(max(least_s, self._plan.run.patience_s))
         while True:
-            here = robots if dying else [*self._world.up, *self._paused]
-            left = [robot for robot in robots if robot in here and not done(robot)]
+            here = wait.robots if wait.dying else [*self._world.up, *self._paused]
+            left = [robot for robot in wait.robots if robot in here and robot not in wait.done]
             if not left:
                 return
             if patience.lost(left):
-                self._complain(what, left)
+                self._complain(wait.what, left)
             if last_patience.lost(left):
-                if dying:
+                if wait.dying:
                     return
                 for robot in left:
-                    self._lose(robot, f"did not {what} in time")
+                    self._lose(robot, f"did not {wait.what} in time")
             message = self._next()
-            if isinstance(message, Join) and message.robot in robots:
-                self._joined.add(message.robot)
-            elif isinstance(message, Ready):
-                if message.tick == self._world.tick:
-                    self._ready.add(message.robot)
-            elif isinstance(message, CatchUp):
-                self._behind.discard(message.robot)
-            elif isinstance(message, End) or (
-                dying and isinstance(message, Vanished) and message.robot in robots
-            ):
-                self._joined.discard(message.robot)
-            elif message is not None:
+            if message is not None and not wait.take(message):
                 self._handle(message)
 
     def _lose(self, robot: int, why: str) -> None:
@@ -291,7 +340,7 @@ class LockstepPlant(Host):
             return self._outcome("completed", None, "")
         return self._outcome("diverged", diverged.robot, diverged.reason)
 
-    # --- Zenoh's threads -------------------------------------------------------------
+    # --- the bus's threads -------------------------------------------------------------
 
     def _on_message(self, robot: int, message: Message) -> None:
         if type(message) is not Drive:

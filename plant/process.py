@@ -14,6 +14,7 @@ from formnet.formation.records.events import Event
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.stream import Streamed, writer
 from formnet.formation.wire import bus
+from formnet.formation.wire.plant_bus import ZenohPlantBus
 from formnet.formation.wire.process import on_stop
 from formnet.formation.wire.security import PLANT, Credentials
 from formnet.plant.lockstep import LockstepPlant
@@ -68,7 +69,8 @@ def main(
                 sink(record)
                 watched.take(record)
 
-            host = kind(session, plan, run, take, start_patience_s)
+            own = ZenohPlantBus(session, run, blocking=kind.blocking)
+            host = kind(own, plan, take, start_patience_s)
             on_stop(host.stop, at_end_of_input=stop_at_end_of_input)
             outcome = host.run()
             recording.close()  # first: who reads it need not wait for who watches

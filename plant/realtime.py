@@ -9,8 +9,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from functools import partial
-
-import zenoh
+from typing import ClassVar
 
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.records import events
@@ -33,11 +32,12 @@ from formnet.formation.wire.messages import (
     Timing,
     encode,
 )
+from formnet.formation.wire.plant_bus import PlantBus
 from formnet.formation.wire.sync import Spread
 from formnet.netem.core.wallclock import wake_punctually
 from formnet.netem.files.tables import nanoseconds
 from formnet.plant.extremes import Extremes
-from formnet.plant.host import START_PATIENCE_S, Ended, Host, Note, Vanished
+from formnet.plant.host import START_PATIENCE_S, Ended, Host, Mailbox, Note, Vanished
 from formnet.plant.timed import TimedWorld
 from formnet.plant.witness import Witness
 
@@ -49,17 +49,17 @@ _MOST_AHEAD = 10
 class RealtimePlant(Host):
     """Time is the monotonic clock's, from the first tick on."""
 
-    blocking = False
+    blocking: ClassVar[bool] = False
 
     def __init__(
         self,
-        session: zenoh.Session,
+        bus: PlantBus,
         plan: Plan,
-        run: str,
         sink: Callable[[Streamed], None],
         start_patience_s: float | None = None,
+        mailbox: Mailbox | None = None,
     ) -> None:
-        super().__init__(session, plan, run, sink, start_patience_s)
+        super().__init__(bus, plan, sink, start_patience_s, mailbox)
         self._world = TimedWorld(plan)
         self._aborts = plan.run.on_unscheduled_loss == "abort"
         self._origin_ns = 0
@@ -240,13 +240,9 @@ class RealtimePlant(Host):
             neighbours = self._plan.neighbours_of[robot]
             with self._lock:
                 self._witness.watch(robot, neighbours)
-            self._subscriptions += [
-                self._session.declare_subscriber(
-                    self._keys.broadcast(source), partial(self._on_broadcast, source)
-                )
-                for source in neighbours
-                if source not in self._witnessed
-            ]
+            for source in neighbours:
+                if source not in self._witnessed:
+                    self._bus.overhear(source, partial(self._on_broadcast, source))
             self._witnessed.update(neighbours)
 
     def _bury(self, robots: Iterable[int]) -> None:
@@ -299,7 +295,7 @@ class RealtimePlant(Host):
             return self._outcome("completed", None, "")
         return Outcome("diverged", diverged.t_ns, diverged.robot, diverged.reason)
 
-    # --- Zenoh's threads -------------------------------------------------------------
+    # --- the bus's threads -------------------------------------------------------------
 
     def _on_message(self, robot: int, message: Message) -> None:
         now_ns = time.monotonic_ns() - self._origin_ns
@@ -312,10 +308,9 @@ class RealtimePlant(Host):
         else:
             self._pass_on(robot, message)
 
-    def _on_broadcast(self, source: int, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
+    def _on_broadcast(self, source: int, envelope: bytes) -> None:
         try:
-            note = Envelope.unpack(b"" if attachment is None else attachment.to_bytes())
+            note = Envelope.unpack(envelope)
         except MessageError:
             return  # its receivers refuse it
         if note.tick != HELLO and note.robot == source:
@@ -332,7 +327,7 @@ class RealtimePlant(Host):
             self._refuse(robot, "asks for a period that was or is not yet")
         else:
             state = self._world.measure(robot, now_ns)
-            self._to_robots[robot].put(encode(Measured(ask.number, now_ns, state)))
+            self._to_robots[robot](encode(Measured(ask.number, now_ns, state)))
             self._sensed[robot] = (ask.number, now_ns)
             self._heard_s[robot] = time.monotonic()
 

@@ -7,7 +7,7 @@ router inside its process); everybody else is its client.
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
 from typing import Any
@@ -18,8 +18,6 @@ from formnet.formation.wire import threads  # noqa: F401 (first: Zenoh reads wha
 import zenoh
 from mypy_extensions import mypyc_attr
 
-from formnet.formation.wire.message_error import MessageError
-from formnet.formation.wire.messages import Message, decode
 from formnet.formation.wire.security import Credentials, access_control
 
 LOOPBACK = "127.0.0.1"
@@ -155,35 +153,6 @@ def publisher(
     return opened.declare_publisher(
         key, express=hurried, congestion_control=control.BLOCK if blocking else control.DROP
     )
-
-
-def on_robots_message(
-    opened: zenoh.Session,
-    keys: Keys,
-    robots: Iterable[int],
-    receive: Callable[[int, Message], None],
-    refuse: Callable[[int, str], None],
-) -> Any:
-    """Subscribe to what ``robots`` tell the plant: ``receive(robot, message)``, robot by its key.
-
-    What does not decode goes to ``refuse(robot, reason)``; what comes on the
-    key of no such robot is ignored. Both are called on the subscription's own
-    thread.
-    """
-    senders = {keys.from_robot(robot): robot for robot in robots}
-
-    def handle(sample: zenoh.Sample) -> None:
-        robot = senders.get(str(sample.key_expr))
-        if robot is None:
-            return
-        try:
-            message = decode(sample.payload.to_bytes())
-        except MessageError as error:
-            refuse(robot, str(error))
-        else:
-            receive(robot, message)
-
-    return opened.declare_subscriber(keys.from_robots, handle)
 
 
 def check_endpoint(endpoint: str, *, secure: bool, plaintext: bool) -> None:
