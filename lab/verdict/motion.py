@@ -59,5 +59,5 @@ class Motion(Section):
 
 
 def motion(details: dict[str, Any] | None) -> Motion | None:
-    """The section ``motion``, of :meth:`plant.extremes.Extremes.details`; None without any."""
+    """The section ``motion``, of :class:`formnet.formation.records.events.Extremes`; None without any."""
     return None if details is None else Motion.model_validate(details)
