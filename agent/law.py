@@ -150,16 +150,14 @@ def make(situation: Situation) -> Law:
     return load(situation.settings.kind)(situation)
 
 
-def accepts(plan: Plan) -> str | None:
+def accepts(plan: Plan, factory: LawFactory = make) -> str | None:
     """Why the law of a run cannot be had, or None. Builds the law of every robot."""
     kind = plan.law.kind
-    try:
-        factory = load(kind)
-    except UnknownLaw as error:
-        return str(error)
     for robot in plan.ids:
         try:
             factory(plan.situation(robot))
+        except UnknownLaw as error:
+            return str(error)
         except ValueError as error:
             return f"law {kind!r} refuses robot {robot}: {error}{place(error)}"
         except RAISED as error:

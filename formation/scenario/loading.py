@@ -69,6 +69,16 @@ def loads(
     return _built(data, file, overrides, folder)
 
 
+def from_tables(
+    tables: Mapping[str, Any], overrides: Overrides = (), name: str = "scenario"
+) -> Scenario:
+    """:func:`load` of tables that are in memory; ``name`` is what errors call them.
+
+    A file that they name is looked for where the program runs.
+    """
+    return _built(deepcopy(dict(tables)), name, overrides, Path())
+
+
 def _built(data: dict[str, Any], file: str, overrides: Overrides, folder: Path | None) -> Scenario:
     try:
         migrate(data)

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from formnet.formation.plan.roster import Roster
+from formnet.formation.plan.timeline import PlanEntry
 from formnet.formation.records.events import Event, Extremes, Lost, Network
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.rows import LinkRow, LinkRows, Sample, Samples
@@ -110,17 +111,27 @@ class Collected:
         self.link_rows: list[LinkRow] = []
         self.events: list[Event] = []
         self.outcome: Outcome | None = None
+        self._ahead: deque[PlanEntry] | None = None  # planned changes of the network still to come
 
     def __call__(self, record: Record) -> None:
         """Take one record."""
         if isinstance(record, Samples):
             self.samples.extend(record.rows)
+            self._note_plan(record.rows[-1].t_ns if record.rows else 0)
         elif isinstance(record, LinkRows):
             self.link_rows.extend(record.rows)
         elif isinstance(record, Event):
             self.events.append(record)
         else:
             self.outcome = record
+
+    def _note_plan(self, now_ns: int) -> None:
+        """Put what was planned for links up to now among the events; robots' the plant reports."""
+        if self._ahead is None:
+            self._ahead = deque(entry for entry in self.scenario.plan if not entry.robots)
+        while self._ahead and nanoseconds(self._ahead[0].at_s) <= now_ns:
+            entry = self._ahead.popleft()
+            self(Network(nanoseconds(entry.at_s), entry.what))
 
     @property
     def trajectories(self) -> Trajectories:
@@ -187,8 +198,6 @@ class Recording(Collected):
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.folder = fresh_folder(folder, EVENTS)
-        # What befalls robots the plant reports itself.
-        self._ahead = deque(entry for entry in scenario.plan if not entry.robots)
         self._lines: list[str] = []
         self._behind = False  # the file lacks lines, or has half of one
         self._saved: set[str] = set()
@@ -205,10 +214,17 @@ class Recording(Collected):
     def __call__(self, record: Record) -> None:
         """Take one record."""
         super().__call__(record)
-        if isinstance(record, Samples):
-            self._note_plan(record.rows[-1].t_ns if record.rows else 0)
-        elif isinstance(record, Event | Outcome):
+        if isinstance(record, Event | Outcome):
             self._write(written(record, datetime.now(UTC)))
+
+    @classmethod
+    def copy(cls, run: Collected, folder: Path) -> "Recording":
+        """What is known of ``run``, for :meth:`save`; raises as the constructor does."""
+        recording = cls(folder, run.scenario)
+        for record in run.told:
+            recording(record)
+        recording.samples, recording.link_rows = run.samples, run.link_rows
+        return recording
 
     def close(self) -> None:
         """Nothing more comes. What is in memory alone is let go, unless :meth:`save` follows."""
@@ -242,12 +258,6 @@ class Recording(Collected):
         if self._behind and EVENTS not in self._saved:
             found[EVENTS] = "".join(self._lines).encode()
         return found
-
-    def _note_plan(self, now_ns: int) -> None:
-        """Put what was planned up to now among the events."""
-        while self._ahead and nanoseconds(self._ahead[0].at_s) <= now_ns:
-            entry = self._ahead.popleft()
-            self(Network(nanoseconds(entry.at_s), entry.what))
 
     def _write(self, line: str) -> None:
         self._lines.append(line)
@@ -298,13 +308,17 @@ def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
     return zip(*(table.column(name).to_pylist() for name in schema.names), strict=True)
 
 
-def _parquet(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> bytes:
-    """A table as a file holds it."""
+def table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:
+    """Rows as a table of ``schema``, :data:`STATES_SCHEMA` or :data:`LINKS_SCHEMA`."""
     columns = zip(*rows, strict=True) if rows else [()] * len(schema)
-    table = pa.table(
+    return pa.table(
         [pa.array(column, kind) for column, kind in zip(columns, schema.types, strict=True)],
         schema=schema,
     )
+
+
+def _parquet(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> bytes:
+    """A table as a file holds it."""
     whole = pa.BufferOutputStream()
-    pq.write_table(table, whole)
+    pq.write_table(table(rows, schema), whole)
     return whole.getvalue().to_pybytes()  # type: ignore[no-any-return]

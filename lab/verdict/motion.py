@@ -59,5 +59,5 @@ class Motion(Section):
 
 
 def motion(details: dict[str, Any] | None) -> Motion | None:
-    """The section ``motion``, of :class:`formnet.formation.records.events.Extremes`; None without any."""
+    """The section ``motion``, of the details of an event ``extremes``; None without any."""
     return None if details is None else Motion.model_validate(details)

@@ -91,26 +91,8 @@ def test_plain_zenoh_programs_meet_the_link_that_is_put_between_them(way):
         assert 80 < float(median_ms) < 150
 
 
-def test_every_cell_of_the_notebook_runs_on_a_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_every_cell_of_the_notebook_runs(monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
-    out = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "formnet",
-            "run",
-            "section5-delay",
-            "--inline",
-            "--out",
-            "first",
-            "--set",
-            "duration_s=0.5",
-        ],
-        capture_output=True,
-        text=True,
-    )
-    assert out.returncode == 1, out.stderr  # half a second is too short for the claims
     notebook = json.loads((EXAMPLES / "notebook.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert len(cells) > 5
