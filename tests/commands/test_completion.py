@@ -130,6 +130,19 @@ def test_completion_imports_no_other_command(complete, modules):
     assert imported(complete=complete) == modules
 
 
+def test_no_command_imports_its_work_to_be_declared():
+    code = (
+        "import sys\nfrom formnet.lab.cli import SECTIONS, load\n"
+        "for commands in SECTIONS.values():\n    for name in commands: load(name)\n"
+        "print(*sys.modules)"
+    )
+    loaded = set(subprocess.check_output([sys.executable, "-c", code], text=True).split())
+    assert "formnet.lab.commands.run.run" in loaded
+    heavy = {"numpy", "pyarrow", "pydantic", "rerun", "rich", "scipy", "zenoh"}
+    assert heavy.isdisjoint(loaded)
+    assert not {name for name in loaded if name.startswith("formnet.lab.work")}
+
+
 @pytest.mark.parametrize(("words", "near"), [(("nemessis",), "nemesis"), (("keys", "int"), "init")])
 def test_an_unknown_command_is_told_what_is_near(words, near):
     told = CliRunner().invoke(main, words)

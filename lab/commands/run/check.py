@@ -1,19 +1,12 @@
 """``formnet check``: is a scenario valid, and what does the theory predict?"""
 
 import sys
-from functools import partial
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.markup import escape
 
-from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import OVERRIDE, SCENARIO, Command
-from formnet.lab.forecast.checked import load_checked
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
-from formnet.lab.text.assessment import describe, describe_plan
-from formnet.lab.text.problems import report_problems, say_slow, warn
 
 
 @click.command("check", cls=Command)
@@ -26,6 +19,16 @@ def command(scenario: Path, overrides: tuple[str, ...]) -> None:
 
 def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
+    from functools import partial
+
+    from rich.console import Console
+    from rich.markup import escape
+
+    from formnet.formation.scenario.loading import ScenarioError
+    from formnet.lab.forecast.checked import load_checked
+    from formnet.lab.text.assessment import describe, describe_plan
+    from formnet.lab.text.problems import report_problems, say_slow, warn
+
     troubles = Console(stderr=True)
     try:
         scenario, warnings = load_checked(path, overrides, partial(say_slow, troubles))
