@@ -5,10 +5,12 @@ asked for its help or completed: ``--help`` answers from the table here, at once
 """
 
 from importlib import import_module
+from typing import Any
 
 import click
 
-from formnet.lab.runs.build import stale
+from formnet.lab.runs.build import remedy, stale
+from formnet.lab.runs.exits import BAD_INPUT
 
 SECTIONS: dict[tuple[str, str], dict[str, str]] = {
     ("A run", "run"): {
@@ -64,8 +66,23 @@ def load(name: str) -> click.Command:
     return command
 
 
+class Lacking(click.ClickException):
+    """A package that a command needs is not installed; the text says what installs it."""
+
+    exit_code = BAD_INPUT
+
+
 class _Commands(click.Group):
     """Its ``commands`` are names and first lines alone, until one of them is resolved."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            needed = remedy(error)
+            if needed is None:
+                raise
+            raise Lacking(f"formnet {ctx.invoked_subcommand}: {needed}") from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -9,17 +9,15 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rich.console import Console
-from rich.markup import escape
+import click
 
 from formnet.formation.scenario.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.wire.security import MONITOR, PLANT
 from formnet.lab.machines.probe import certificate, probe
-from formnet.lab.runs.build import install
+from formnet.lab.runs.build import install, missing
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN
 from formnet.lab.scene.viewer import ViewerFailed, binary
 
@@ -45,23 +43,22 @@ class Check(NamedTuple):
 
 def examine(path: Path | None, keys: Path | None) -> int:
     """Look at this machine and the hosts in ``path``; the exit code of ``formnet doctor``."""
-    console = Console(highlight=False)
     hosts = None
     try:
         hosts = None if path is None else load_hosts(path)
     except HostsError as error:
         for problem in error.problems:
-            console.print(f"[red]{escape(error.file)}:[/] {escape(str(problem))}", soft_wrap=True)
+            click.echo(f"{click.style(f'{error.file}:', fg='red')} {problem}")
         return BAD_INPUT
     bad = 0
     for check in checks(hosts, keys):
-        mark = "[red]✗[/]" if check.problem else "[green]✓[/]"
-        told = escape(check.problem or check.found)
-        console.print(f"{mark} {check.where}: {check.what}: {told}", soft_wrap=True)
+        mark = click.style("✗", fg="red") if check.problem else click.style("✓", fg="green")
+        told = check.problem or check.found
+        click.echo(f"{mark} {check.where}: {check.what}: {told}")
         if check.problem:
             bad += 1
-            console.print(f"    [bold]{escape(check.remedy)}[/]", soft_wrap=True)
-    console.print("no problems found" if not bad else f"problems: {bad}")
+            click.echo(f"    {click.style(check.remedy, bold=True)}")
+    click.echo("no problems found" if not bad else f"problems: {bad}")
     return BROKEN if bad else ALL_HOLD
 
 
@@ -69,13 +66,15 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
     """Everything, one after another: this machine first."""
     here = probe(None, None, [])
     yield Check("here", "formnet", _versions(here))
-    yield from _watching()
-    for extra, package, purpose in (
-        ("hosts", "asyncssh", "robots on other hosts, and certificates"),
-        ("export", "mcap", "formnet export --format mcap"),
+    for extra, purpose in (
+        ("lab", "every command but agent, plant and keys; a robot needs none of it"),
+        ("hosts", "robots on other hosts, and certificates"),
+        ("export", "formnet export --format mcap"),
     ):
-        missing = f"not installed; {purpose}: {install(extra)}"
-        yield Check("here", f"extra {extra}", purpose if find_spec(package) else missing)
+        lacks = f"not installed; {purpose}: {install(extra)}"
+        yield Check("here", f"extra {extra}", lacks if missing(extra) else purpose)
+    if not missing("lab"):
+        yield from _watching()
     if keys is not None:
         for name in (PLANT, MONITOR):
             yield from _certificate("here", name, certificate(keys, name), None)
@@ -83,7 +82,7 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
         return
     try:
         from formnet.lab.machines.hosts import Fleet
-    except ImportError:
+    except ModuleNotFoundError:
         yield Check("here", "SSH", "", "the package asyncssh is missing", install("hosts"))
         return
     with _listening(hosts.listen) as trouble, Fleet() as fleet:
@@ -95,9 +94,7 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
             "stop the program that listens there, or choose another address or port of this "
             "machine as `listen` in the hosts file",
         )
-        authority = None
-        if keys is not None:
-            authority = certificate(keys, PLANT).get("authority_sha256")
+        authority = None if keys is None else _authority(keys)
         for host in hosts.hosts:
             yield from _of_host(fleet, host, hosts.listen, here, authority, open_=not trouble)
 
@@ -215,26 +212,33 @@ def _clock(host: Host, before_s: float, there_s: float, after_s: float) -> Check
 def _certificate(
     where: str, name: str, found: dict[str, Any], authority: str | None
 ) -> Iterator[Check]:
+    from formnet.lab.machines.certificates import BadCertificate, examine
+
     what = f"certificate of {name}"
-    if "problem" in found:
+    try:
+        seen = examine(found)
+    except BadCertificate as error:
         yield Check(
             where,
             what,
             "",
-            found["problem"],
+            str(error),
             "make the missing files where ca-key.pem is (`formnet keys init`), and copy "
             f"ca.pem, {name}.pem and {name}-key.pem there",
         )
-    elif found["expired"]:
+        return
+    left_s = seen.expires.timestamp() - time.time()
+    ends = seen.expires.isoformat(timespec="minutes")
+    if left_s < 0.0:
         yield Check(
             where,
             what,
             "",
-            f"expired {found['expires']}",
+            f"expired {ends}",
             f"delete {name}.pem and {name}-key.pem where ca-key.pem is, make them again "
             "(`formnet keys init`) and copy them there",
         )
-    elif authority is not None and found["authority_sha256"] != authority:
+    elif authority is not None and seen.authority_sha256 != authority:
         yield Check(
             where,
             what,
@@ -243,8 +247,17 @@ def _certificate(
             "copy ca.pem and certificates signed by it there",
         )
     else:
-        soon = found["expires_unix_s"] - time.time() < SOON_S
-        yield Check(where, what, f"valid until {found['expires']}" + (", soon" if soon else ""))
+        yield Check(where, what, f"valid until {ends}" + (", soon" if left_s < SOON_S else ""))
+
+
+def _authority(keys: Path) -> str | None:
+    """The SHA-256 of the authority of the plant's certificate; None if that is invalid."""
+    from formnet.lab.machines.certificates import BadCertificate, examine
+
+    try:
+        return examine(certificate(keys, PLANT)).authority_sha256
+    except BadCertificate:
+        return None
 
 
 @contextmanager

@@ -12,7 +12,6 @@ from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.runs import files
-from formnet.lab.runs.build import install
 from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
@@ -32,11 +31,6 @@ def export_run(folder: Path, kind: str, out: Path | None) -> int:
         write(read_whole(folder), place)
     except ScenarioError as error:
         report_problems(console, error)
-        return BAD_INPUT
-    except ImportError:
-        console.print(
-            f"MCAP needs the package mcap: {install('export')}", markup=False, soft_wrap=True
-        )
         return BAD_INPUT
     except Unreadable as error:
         console.print(f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True)
@@ -88,7 +82,7 @@ def write_mcap(run: Recorded, file: Path) -> None:
 
     Raises:
         RunExists: ``file`` exists.
-        ImportError: there is no package mcap.
+        ModuleNotFoundError: there is no package mcap.
         OSError: the file cannot be written.
     """
     from formnet.lab.scene import foxglove

@@ -16,6 +16,7 @@ from click.testing import CliRunner
 
 from formnet.formation.scenario.loading import load
 from formnet.lab.cli import main
+from formnet.lab.runs.build import EXTRAS
 from formnet.lab.scenarios.packaged import CONFIGS, find, packaged
 
 PARTS = ("agent", "configs", "formation", "lab", "netem", "plant")
@@ -77,6 +78,46 @@ def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
     told = formnet("doctor", "--hosts", hosts)
     assert told.exit_code == 3
     assert "pip install 'formnet[hosts]'" in told.output
+
+
+def test_the_doctor_works_with_the_base_install(monkeypatch):
+    for package in EXTRAS["lab"]:
+        monkeypatch.setitem(sys.modules, package, None)
+    found = formnet("doctor")
+    assert found.exit_code == 0
+    assert "extra lab: not installed" in found.output
+    assert "pip install 'formnet[lab]'" in found.output
+
+
+USES = {
+    "jinja2": "report",
+    "matplotlib": "plot",
+    "networkx": "new",
+    "numpy": "plot",
+    "pyarrow": "plot",
+    "rerun": "replay",
+    "rich": "plot",
+}
+"""A command that cannot do without the package; SciPy is imported by what needs it alone."""
+
+
+def test_every_package_of_the_lab_is_one_that_a_command_may_lack():
+    assert {*USES, "scipy"} == set(EXTRAS["lab"])
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(("package", "command"), USES.items())
+def test_a_command_that_lacks_a_package_says_what_installs_it(package, command, tmp_path):
+    code = (
+        f"import sys; sys.modules[{package!r}] = None\nfrom formnet.lab.program import main\nmain()"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code, command, "x"], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert told.returncode == 2
+    (line,) = told.stderr.splitlines()
+    assert f"formnet {command}: the package {package} is missing: " in line
+    assert "pip install 'formnet[lab]'" in line
 
 
 @pytest.mark.processes

@@ -369,7 +369,7 @@ def test_the_doctor_finds_nothing_where_all_is_well(network):
     code, said = doctor(network)
     assert code == 0, said
     assert (
-        said.count("✓") == 4 + 2 + 1 + 3 * 4 + 5
+        said.count("✓") == 5 + 2 + 1 + 3 * 4 + 5
     )  # here: what there is, keys, port; hosts; robots
     assert "no problems found" in said
 
