@@ -5,10 +5,14 @@
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from formnet.lab.runs.build import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("netem", "formation", "agent", "plant", "lab")
@@ -209,6 +213,26 @@ def test_modules_and_folders_have_sizes_to_read():
     for folder in folders:
         files = list(folder.glob("*.py"))
         assert len(files) <= MOST_FILES, f"{folder}: {len(files)} files"
+
+
+@pytest.mark.processes
+def test_robots_and_plant_need_no_package_of_an_extra():
+    """One that their modules import even in passing would have to be on every robot."""
+    names = [
+        f"formnet.{module}"
+        for module in KNOWN
+        if module.partition(".")[0] in ("agent", "plant", "netem", "formation")
+        and not module.startswith("formation.paper")
+    ]
+    names += ["formnet.lab.cli", "formnet.lab.machines.probe"]
+    names += [f"formnet.lab.commands.processes.{command}" for command in ("agent", "plant")]
+    extra = [package for packages in EXTRAS.values() for package in packages]
+    code = (
+        f"import importlib, sys; sys.modules.update(dict.fromkeys({extra!r}))\n"
+        f"for name in {names!r}: importlib.import_module(name)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("folder", ["benchmarks", "examples", "tests"])
