@@ -67,7 +67,7 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
     here = probe(None, None, [])
     yield Check("here", "formnet", _versions(here))
     for extra, purpose in (
-        ("lab", "every command but agent, plant and keys; a robot needs none of it"),
+        ("lab", "to run, watch and judge; a robot needs none of it"),
         ("hosts", "robots on other hosts, and certificates"),
         ("export", "formnet export --format mcap"),
     ):
