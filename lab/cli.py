@@ -4,6 +4,7 @@ A command's module (``lab/commands/<folder>/<name>.py``) is imported when the co
 asked for its help or completed: ``--help`` answers from the table here, at once.
 """
 
+import gc
 from importlib import import_module
 from typing import Any
 
@@ -54,6 +55,12 @@ SECTIONS: dict[tuple[str, str], dict[str, str]] = {
 """What --help shows: by title and folder of each section, its commands and their first lines."""
 
 
+COLLECT_AFTER = (100_000, 20, 20)
+"""Thresholds of the garbage collector in commands about runs: a run has tens of thousands of
+records, none of them in a cycle, and with Python's own thresholds a sixth of the time went into
+looking at them. Robots and plant keep those, for theirs must never take long."""
+
+
 def load(name: str) -> click.Command:
     """The command called ``name``, its module imported.
 
@@ -90,6 +97,8 @@ class _Commands(click.Group):
         name, listed, rest = super().resolve_command(ctx, args)
         if name is None or listed is None:  # only while the shell completes
             return name, None, rest
+        if name not in SECTIONS["Started by formnet run", "processes"]:
+            gc.set_threshold(*COLLECT_AFTER)
         problem = None if ctx.resilient_parsing else stale()
         if problem is not None:  # what is compiled is imported with the command
             raise click.UsageError(problem, ctx)

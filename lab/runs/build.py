@@ -61,7 +61,17 @@ def versions() -> dict[str, str | bool]:
 
 
 EXTRAS = {
-    "lab": ("jinja2", "matplotlib", "networkx", "numpy", "pyarrow", "rerun", "rich", "scipy"),
+    "lab": (
+        "jinja2",
+        "matplotlib",
+        "networkx",
+        "numpy",
+        "pyarrow",
+        "rerun",
+        "rich",
+        "scipy",
+        "tomlkit",
+    ),
     "hosts": ("asyncssh", "cryptography"),
     "export": ("mcap",),
 }

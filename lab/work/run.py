@@ -12,6 +12,7 @@ from rich.markup import escape
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import ScenarioError
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.forecast.checked import load_checked
 from formnet.lab.judge import lyapunov
 from formnet.lab.launch import live
@@ -46,16 +47,21 @@ def run_scenario(
     where: Where = HERE,
     view: str | None = None,
     drawn: bool = True,
+    scene: bool = True,
+    lookahead: bool = True,
 ) -> int:
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
 
     ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
+    ``scene``: with ``run.rrd``; without, Rerun is not loaded. ``lookahead``: the law is tried
+    before.
     """
     console = Console(stderr=True)
     try:
         if out is not None:
             check_free(out)  # before the work, not after it
-        scenario, warnings = load_checked(path, overrides, partial(say_slow, console))
+        say = partial(say_slow, console)
+        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -74,18 +80,18 @@ def run_scenario(
     except BadPlace as error:
         console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
         return BAD_INPUT
-    from formnet.lab.scene.rrd import RunFile  # loads Rerun: a bad scenario is told before
     from formnet.lab.watch.watcher import Watcher
 
     with stop_signals() as stopped, ExitStack() as stack:
         try:
             recording = claimed(out, scenario.name, partial(Recording, scenario=scenario))
-            scene = RunFile(recording.folder, scenario)
+            shown = _scene(recording.folder, scenario) if scene else None
         except OSError as error:
             return _unusable(console, error)
-        stack.callback(scene.leave)
+        if shown is not None:
+            stack.callback(shown.leave)
         with (
-            Watch(console, recording, scene) as watch,
+            Watch(console, recording, shown) as watch,
             where.place(hosts, watch.take, recording.now_ns) as place,
             ExitStack() as meanwhile,
         ):
@@ -114,10 +120,16 @@ def run_scenario(
                 outcome = Outcome("broken", recording.now_ns(), None, in_words(error))
                 watch.take(outcome)
         how = {"mode": engine.name, "wall_s": watch.wall_s, "warnings": warnings}
-        code = _conclude(console, recording, scene, outcome, how, stopped.is_set, drawn=drawn)
+        code = _conclude(console, recording, shown, outcome, how, stopped.is_set, drawn=drawn)
         if watcher is not None:
             watcher.stay(stopped.is_set)
         return code
+
+
+def _scene(folder: Path, scenario: Scenario) -> "RunFile":
+    from formnet.lab.scene.rrd import RunFile  # loads Rerun: a bad scenario is told before
+
+    return RunFile(folder, scenario)
 
 
 def _unusable(console: Console, error: OSError) -> int:
@@ -128,7 +140,7 @@ def _unusable(console: Console, error: OSError) -> int:
 def _conclude(
     console: Console,
     recording: Recording,
-    scene: "RunFile",
+    scene: "RunFile | None",
     outcome: Outcome,
     how: dict[str, Any],
     stopped: Callable[[], bool],
@@ -143,7 +155,8 @@ def _conclude(
     judged = judge(recording, **how)
     unjudged = files.attempt(lambda: verdict_files.save(judged, recording.folder))
     if problems or unjudged:  # the scene may have filled the disk
-        scene.make_room()
+        if scene is not None:
+            scene.make_room()
         problems = recording.save()
         if unjudged:
             problems += files.attempt(lambda: verdict_files.save(judged, recording.folder))
@@ -152,7 +165,8 @@ def _conclude(
     page.print(links_table(rows, "all are in verdict.json"))
     page.print(claims_table(judged, recording.scenario))
     summarise(page, recording.scenario, judged)
-    problems += files.attempt(lambda: scene.close(lyapunov.curve(recording)))
+    if scene is not None:
+        problems += files.attempt(partial(scene.close, lyapunov.curve(recording)))
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
             from formnet.lab.figures import run_figures as figures

@@ -95,6 +95,7 @@ USES = {
     "pyarrow": "plot",
     "rerun": "replay",
     "rich": "plot",
+    "tomlkit": "migrate",
 }
 """A command that cannot do without the package; SciPy is imported by what needs it alone."""
 

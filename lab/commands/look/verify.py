@@ -27,7 +27,6 @@ def command(folders: tuple[Path, ...], engine: "EngineName") -> None:
     Each is repeated from its own scenario.toml. Exit code 0: identical; 1: different (the first
     difference is printed); 2: cannot be repeated; 3: repeating it failed; 130: interrupted.
     """
-    from formnet.lab.launch.engine import engine
     from formnet.lab.work.verify import verify_runs
 
     sys.exit(verify_runs(folders, engine))

@@ -5,19 +5,20 @@ from pathlib import Path
 
 import click
 
-from formnet.lab.commands.options import OVERRIDE, SCENARIO, Command
+from formnet.lab.commands.options import NO_LOOKAHEAD, OVERRIDE, SCENARIO, Command
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
 
 
 @click.command("check", cls=Command)
 @SCENARIO
 @OVERRIDE
-def command(scenario: Path, overrides: tuple[str, ...]) -> None:
+@NO_LOOKAHEAD
+def command(scenario: Path, overrides: tuple[str, ...], no_lookahead: bool) -> None:
     """Validate SCENARIO; print what the theory predicts."""
-    sys.exit(check_scenario(scenario, overrides))
+    sys.exit(check_scenario(scenario, overrides, lookahead=not no_lookahead))
 
 
-def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
+def check_scenario(path: Path, overrides: tuple[str, ...], *, lookahead: bool) -> int:
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
     from functools import partial
 
@@ -31,7 +32,8 @@ def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
 
     troubles = Console(stderr=True)
     try:
-        scenario, warnings = load_checked(path, overrides, partial(say_slow, troubles))
+        say = partial(say_slow, troubles)
+        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
     except ScenarioError as error:
         report_problems(troubles, error)
         return BAD_INPUT

@@ -7,6 +7,7 @@ import click
 
 from formnet.lab.commands.options import (
     KEYS,
+    NO_LOOKAHEAD,
     OVERRIDE,
     PLAINTEXT,
     SCENARIO,
@@ -46,6 +47,8 @@ from formnet.lab.commands.options import (
     is_flag=True,
     help="Draw no figures; formnet report or plot can draw them later.",
 )
+@click.option("--no-scene", is_flag=True, help="Do not write run.rrd, which formnet replay shows.")
+@NO_LOOKAHEAD
 def command(
     scenario: Path,
     out: Path | None,
@@ -58,6 +61,8 @@ def command(
     view: bool,
     web: bool,
     no_figures: bool,
+    no_scene: bool,
+    no_lookahead: bool,
 ) -> None:
     """Run SCENARIO and judge it.
 
@@ -80,6 +85,14 @@ def command(
     shown = viewer(view=view, web=web)
     sys.exit(
         run_scenario(
-            scenario, overrides, out, inline=inline, where=where, view=shown, drawn=not no_figures
+            scenario,
+            overrides,
+            out,
+            inline=inline,
+            where=where,
+            view=shown,
+            drawn=not no_figures,
+            scene=not no_scene,
+            lookahead=not no_lookahead,
         )
     )
