@@ -25,7 +25,7 @@ quick: $(VENV)/.test
 # Long proofs, an hour or more, of what is committed; their results go into docs/proofs.
 # Part of them: make prove PROVE="nemesis --seed 7 --schedules 100"
 prove: $(VENV)/.test
-	PYTHONPATH=tests $(BIN)/python -m proofs.prove $(PROVE)
+	PYTHONPATH=tests:tests/helpers $(BIN)/python -m proofs.prove $(PROVE)
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -51,7 +51,7 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.base: pyproject.toml setup.py $(HOT) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[lab]'
 	@touch $@
 
 $(VENV)/.test: pyproject.toml setup.py $(HOT) | $(BIN)/python

@@ -70,11 +70,12 @@ def __getattr__(name: str) -> Any:
     try:
         return getattr(import_module(f"formnet.{module}"), attribute)
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] == "formnet":
+        from formnet.lab.runs.build import remedy
+
+        needed = remedy(error)
+        if needed is None:
             raise
-        raise ModuleNotFoundError(
-            f"formnet.{name} needs {error.name}: pip install 'formnet[lab]'", name=error.name
-        ) from error
+        raise ModuleNotFoundError(f"formnet.{name}: {needed}", name=error.name) from error
 
 
 def __dir__() -> list[str]:

@@ -4,18 +4,21 @@ A command's module (``lab/commands/<folder>/<name>.py``) is imported when the co
 asked for its help or completed: ``--help`` answers from the table here, at once.
 """
 
+import gc
 from importlib import import_module
+from typing import Any
 
 import click
 
-from formnet.lab.runs.build import stale
+from formnet.lab.runs.build import remedy, stale
+from formnet.lab.runs.exits import BAD_INPUT
 
 SECTIONS: dict[tuple[str, str], dict[str, str]] = {
     ("A run", "run"): {
         "run": "Run SCENARIO and judge it.",
         "check": "Validate SCENARIO; print what the theory predicts.",
         "new": "Write a commented scenario to start from.",
-        "migrate": "Bring FILE to the current format.",
+        "migrate": "Bring scenarios to the current format.",
         "scenarios": "List the packaged scenarios.",
         "laws": "List the control laws available for law.kind.",
     },
@@ -52,6 +55,12 @@ SECTIONS: dict[tuple[str, str], dict[str, str]] = {
 """What --help shows: by title and folder of each section, its commands and their first lines."""
 
 
+COLLECT_AFTER = (100_000, 20, 20)
+"""Thresholds of the garbage collector in commands about runs: a run has tens of thousands of
+records, none of them in a cycle, and with Python's own thresholds a sixth of the time went into
+looking at them. Robots and plant keep those, for theirs must never take long."""
+
+
 def load(name: str) -> click.Command:
     """The command called ``name``, its module imported.
 
@@ -64,8 +73,23 @@ def load(name: str) -> click.Command:
     return command
 
 
+class Lacking(click.ClickException):
+    """A package that a command needs is not installed; the text says what installs it."""
+
+    exit_code = BAD_INPUT
+
+
 class _Commands(click.Group):
     """Its ``commands`` are names and first lines alone, until one of them is resolved."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            needed = remedy(error)
+            if needed is None:
+                raise
+            raise Lacking(f"formnet {ctx.invoked_subcommand}: {needed}") from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -73,6 +97,8 @@ class _Commands(click.Group):
         name, listed, rest = super().resolve_command(ctx, args)
         if name is None or listed is None:  # only while the shell completes
             return name, None, rest
+        if name not in SECTIONS["Started by formnet run", "processes"]:
+            gc.set_threshold(*COLLECT_AFTER)
         problem = None if ctx.resilient_parsing else stale()
         if problem is not None:  # what is compiled is imported with the command
             raise click.UsageError(problem, ctx)

@@ -13,9 +13,7 @@ Headings need not agree, so Eq. 4 is not claimed.
 
 from math import cos, hypot, sin
 
-from formnet.agent.law import Command
-from formnet.formation.briefing.situation import Situation
-from formnet.formation.wire.state import Stamped, State
+from formnet import Command, Situation, Stamped, State
 
 DEFAULTS = {"gain": 1.0, "speed_limit_mps": 1.5, "turn_limit_radps": 1.0, "near_m": 0.01}
 

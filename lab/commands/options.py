@@ -95,6 +95,11 @@ OVERRIDE = click.option(
     metavar="KEY.PATH=VALUE",
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
 )
+NO_LOOKAHEAD = click.option(
+    "--no-lookahead",
+    is_flag=True,
+    help="Do not try the law before: no warning of a control period too long for its gains.",
+)
 RUN_ID = click.option(
     "--run", "run_name", required=True, metavar="ID", help="Id of the run to join."
 )

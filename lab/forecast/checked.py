@@ -4,20 +4,22 @@ from pathlib import Path
 
 from formnet.formation.scenario.loading import ScenarioError, load
 from formnet.formation.scenario.model import Scenario
-from formnet.lab.forecast.foresight import Say, foresee
+from formnet.lab.forecast.foresight import Say, foresee, taken_on_trust
 from formnet.netem.files.problems import Problem
 
 
-def load_checked(path: Path, overrides: tuple[str, ...], say: Say) -> tuple[Scenario, list[str]]:
+def load_checked(
+    path: Path, overrides: tuple[str, ...], say: Say, *, lookahead: bool = True
+) -> tuple[Scenario, list[str]]:
     """Load a scenario, see that its law can be had, and what is to be feared.
 
-    ``say`` takes where the law is, if it takes long.
+    ``say`` takes where the law is, if it takes long. Without ``lookahead`` the law is not tried.
 
     Raises:
         ScenarioError: with every problem found.
     """
     scenario = load(path, overrides)
-    problem, warnings = foresee(scenario, say)
+    problem, warnings = (foresee if lookahead else taken_on_trust)(scenario, say)
     if problem is not None:
         raise ScenarioError(str(path), [Problem("law.kind", repr(scenario.law.kind), problem)])
     return scenario, warnings

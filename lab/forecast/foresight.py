@@ -58,6 +58,12 @@ def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
     return Foresight(None, [*assess(scenario).warnings, *fears])
 
 
+def taken_on_trust(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
+    """What :func:`foresee` finds without following the way in: the law is built, but not called."""
+    problem = obstacle(scenario, say)
+    return Foresight(problem, [] if problem else assess(scenario).warnings)
+
+
 def obstacle(scenario: Scenario, say: Say = lambda _: None) -> str | None:
     """Why the law of a valid scenario cannot be had, or None; ``say`` as for :func:`foresee`."""
     if not foreign(scenario.law.kind):

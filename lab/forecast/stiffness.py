@@ -15,7 +15,6 @@ from math import ceil, cos, exp, floor, inf, log10, nan, sin
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formnet.agent.base import pair
 from formnet.agent.law import RAISED, Law, LawFailed, failure, make
@@ -266,43 +265,43 @@ class _Way:
         """The largest |λ| of all robots that are up now."""
         heard = self._heard(now_ns)
         up = [robot for robot in self._states if self._up(robot, now_ns)]
-        jacobians = [self._jacobian(robot, now_ns, heard[robot]) for robot in up]
-        if not np.all(np.isfinite(jacobians)):
+        transposed = np.array([self._jacobian(robot, now_ns, heard[robot]) for robot in up])
+        if not np.all(np.isfinite(transposed)):
             return inf
         if not up:
             return 0.0
-        return float(np.abs(np.linalg.eigvals(np.array(jacobians))).max())
+        return float(np.abs(np.linalg.eigvals(transposed.transpose(0, 2, 1))).max())
 
-    def _jacobian(self, robot: int, now_ns: int, heard: tuple[Stamped, ...]) -> NDArray[np.float64]:
-        """The closed loop of one robot, linearised, its neighbours standing still."""
+    def _jacobian(self, robot: int, now_ns: int, heard: tuple[Stamped, ...]) -> list[list[float]]:
+        """The closed loop of one robot, linearised, its neighbours standing still; transposed."""
         state = self._states[robot]
         columns = []
         for axis in range(5 if self._dynamic else 3):
             step = 1e-6 * max(1.0, abs(state[axis]))
-            ahead, behind = (
-                self._derivative(robot, now_ns, _shifted(state, axis, by), heard)
-                for by in (step, -step)
-            )
-            columns.append((ahead - behind) / (2.0 * step))
-        return np.array(columns).T
+            ahead = self._derivative(robot, now_ns, _shifted(state, axis, step), heard)
+            behind = self._derivative(robot, now_ns, _shifted(state, axis, -step), heard)
+            columns.append([(a - b) / (2.0 * step) for a, b in zip(ahead, behind, strict=True)])
+        return columns
 
     def _derivative(
         self, robot: int, now_ns: int, state: State, heard: tuple[Stamped, ...]
-    ) -> NDArray[np.float64]:
+    ) -> tuple[float, ...]:
         """How the state changes under the law's command: (5,), kinematic (3,)."""
         first, second = self._command(robot, now_ns, state, heard)
         c, s = cos(state.heading_rad), sin(state.heading_rad)
         if not self._dynamic:
-            return np.array([first * c, first * s, second])
+            return first * c, first * s, second
         body, v, omega = self._bodies[robot], state.speed_mps, state.turn_rate_radps
         right, left = body.saturated(first), body.saturated(second)
         force = (right + left) / body.wheel_radius_m
         yaw = body.half_axle_m * (right - left) / body.wheel_radius_m
-        return np.array([v * c, v * s, omega, *body.accelerations(v, omega, force, yaw)])
+        return v * c, v * s, omega, *body.accelerations(v, omega, force, yaw)
 
 
 def _shifted(state: State, axis: int, by: float) -> State:
-    return State(*(value + by if place == axis else value for place, value in enumerate(state)))
+    values = list(state)
+    values[axis] += by
+    return State(*values)
 
 
 def _delay_ns(scenario: Scenario, source: int, destination: int) -> int:

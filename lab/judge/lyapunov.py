@@ -6,6 +6,7 @@ where it gains more :mod:`lab.judge.rises`'.
 """
 
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,24 @@ def is_defined(scenario: Scenario) -> bool:
     return scenario.law.kind == "cooperative" and scenario.clock.mode == "lockstep"
 
 
+_KNOWN: WeakKeyDictionary[Collected, tuple[tuple[int, ...], Curve | None]] = WeakKeyDictionary()
+"""The newest curve of each run, and how much had been recorded then."""
+
+
 def curve(recording: Collected) -> Curve | None:
-    """V along a run, as long as it is finite; None without samples or where it is not defined."""
+    """V along a run, as long as it is finite; None without samples or where it is not defined.
+
+    It is worked out anew only if something was recorded since: a verdict, a scene and a figure
+    of one run ask for the same.
+    """
+    extent = (len(recording.samples), len(recording.link_rows), len(recording.events))
+    known = _KNOWN.get(recording)
+    if known is None or known[0] != extent:
+        known = _KNOWN[recording] = extent, _curve(recording)
+    return known[1]
+
+
+def _curve(recording: Collected) -> Curve | None:
     scenario, trajectories = recording.scenario, recording.trajectories
     within = (np.abs(trajectories.states) < _DIVERGED).all(axis=(1, 2))  # not NaN either
     if not within.all():

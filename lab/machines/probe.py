@@ -1,12 +1,10 @@
 """What this machine has, as a line of JSON for ``formnet doctor``: a program, run over SSH."""
 
 import argparse
-import hashlib
 import json
 import socket
 import time
 from contextlib import suppress
-from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -33,28 +31,19 @@ def probe(reach: str | None, keys: Path | None, names: list[str]) -> dict[str, A
 
 
 def certificate(folder: Path, name: str) -> dict[str, Any]:
-    """The certificate of ``name``: until when it counts, its authority's SHA-256, what is wrong."""
+    """The certificate of ``name`` and its authority's, in PEM, and its file; or the ``problem``.
+
+    They are public. Whoever asks looks into them, so that a host needs no package for it.
+    """
     try:
         credentials = Credentials(folder.expanduser(), name)
-    except KeysError as error:
+        return {
+            "file": str(credentials.certificate),
+            "certificate": credentials.certificate.read_text(encoding="ascii"),
+            "authority": credentials.authority.read_text(encoding="ascii"),
+        }
+    except (KeysError, OSError, UnicodeDecodeError) as error:
         return {"problem": str(error)}
-    try:
-        from cryptography import x509
-    except ImportError:
-        return {"problem": "cannot be looked at without the package cryptography"}
-    try:
-        own = x509.load_pem_x509_certificate(credentials.certificate.read_bytes())
-        authority = x509.load_pem_x509_certificate(credentials.authority.read_bytes())
-        own.verify_directly_issued_by(authority)
-    except Exception as error:  # a broken file, a signature of another: many kinds
-        reason = str(error) or type(error).__name__
-        return {"problem": f"{credentials.certificate} is not of this ca.pem: {reason}"}
-    return {
-        "authority_sha256": hashlib.sha256(credentials.authority.read_bytes()).hexdigest(),
-        "expires_unix_s": own.not_valid_after_utc.timestamp(),
-        "expires": own.not_valid_after_utc.astimezone(UTC).isoformat(timespec="minutes"),
-        "expired": own.not_valid_after_utc < datetime.now(UTC),
-    }
 
 
 def _reach(place: str) -> str:

@@ -1,7 +1,6 @@
-"""What this checkout or install was built into."""
+"""What this checkout or install was built into, and which extras of formnet it has."""
 
-import platform
-from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -45,6 +44,9 @@ def _modules() -> list[Path]:
 
 def versions() -> dict[str, str | bool]:
     """What a run is made with; ``compiled`` says whether the install had a C compiler."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
     found: dict[str, str | bool] = {
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -58,6 +60,38 @@ def versions() -> dict[str, str | bool]:
     return found
 
 
+EXTRAS = {
+    "lab": (
+        "jinja2",
+        "matplotlib",
+        "networkx",
+        "numpy",
+        "pyarrow",
+        "rerun",
+        "rich",
+        "scipy",
+        "tomlkit",
+    ),
+    "hosts": ("asyncssh", "cryptography"),
+    "export": ("mcap",),
+}
+"""The packages that each extra brings, by the names under which they are imported."""
+
+
 def install(extra: str) -> str:
     """How to get an extra of formnet."""
     return f"pip install 'formnet[{extra}]' (in a checkout: -e '.[{extra}]')"
+
+
+def remedy(error: ModuleNotFoundError) -> str | None:
+    """Which package is missing and what installs it; None if no extra of formnet brings it."""
+    package = (error.name or "").partition(".")[0]
+    for extra, packages in EXTRAS.items():
+        if package in packages:
+            return f"the package {package} is missing: {install(extra)}"
+    return None
+
+
+def missing(extra: str) -> list[str]:
+    """The packages of an extra that are not installed."""
+    return [package for package in EXTRAS[extra] if find_spec(package) is None]

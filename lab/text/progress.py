@@ -58,7 +58,7 @@ class Waits:
 class Watch:
     """Shows a run while it goes on: progress, current errors, and events as they come."""
 
-    def __init__(self, console: Console, recording: Recording, scene: Scene) -> None:
+    def __init__(self, console: Console, recording: Recording, scene: Scene | None) -> None:
         self._console = console
         self._recording = recording
         self._scene = scene
@@ -98,7 +98,8 @@ class Watch:
 
     def _take(self, record: Record) -> None:
         self._recording(record)
-        self._scene.take(record)
+        if self._scene is not None:
+            self._scene.take(record)
         match record:
             case Started():
                 self._started = time.monotonic()
@@ -122,7 +123,8 @@ class Watch:
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""
-        self._scene.refresh()
+        if self._scene is not None:
+            self._scene.refresh()
         if time.monotonic() - self._drawn >= 0.1:
             self._draw()
 

@@ -8,23 +8,20 @@ What the first one finds is taken where the second confirms it.
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from functools import cache, lru_cache
 from itertools import pairwise
 from statistics import NormalDist
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from formnet.netem.delays.copula import clipped
 from formnet.netem.delays.distributions import Distribution, Known
+from formnet.netem.delays.hermite import HALF
 
-Quantile = Callable[[float], float]
-Floats: TypeAlias = NDArray[np.float64]  # said, as an install compiles before NumPy is there
+Quantile: TypeAlias = Callable[[float], float]
 
 _NORMAL = NormalDist()
-_NODES = 180
 _TERMS = 120
 _CONFIRMED = 2.5e-3
 """By how much the correlation that a staircase has may differ from the one that was asked for:
@@ -36,7 +33,17 @@ _SHARE = 1e-4
 """A step of a staircase that hides more of the variance is halved; makes some hundred steps."""
 _PANELS = 26
 """Each half as wide as the one before: the last begins at π/2 / 2²⁶, whose cosine is just < 1."""
-_ABSCISSAE, _WEIGHTS = (part.tolist() for part in np.polynomial.legendre.leggauss(8))
+_LEGENDRE = (
+    (-0.9602898564975362, 0.10122853629037706),
+    (-0.7966664774136267, 0.22238103445337443),
+    (-0.525532409916329, 0.3137066458778869),
+    (-0.18343464249564978, 0.36268378337836166),
+    (0.18343464249564978, 0.36268378337836166),
+    (0.525532409916329, 0.3137066458778869),
+    (0.7966664774136267, 0.22238103445337443),
+    (0.9602898564975362, 0.10122853629037706),
+)
+"""Gauss-Legendre quadrature of 8 nodes on (-1, 1): each node with its weight."""
 _NEGLIGIBLE = 40.0  # e^-40
 
 
@@ -70,8 +77,12 @@ def latent_correlation(quantile: Quantile, correlation: float) -> float:
     must be smooth. It grows from 0 to 1 with ρ, so bisection finds it.
     """
     nodes, weights, polynomials = _hermite()
-    values = np.array([quantile(clipped(_NORMAL.cdf(float(z)))) for z in nodes])
-    powers = [float(np.sum(weights * values * polynomial)) ** 2 for polynomial in polynomials]
+    values = [quantile(clipped(_NORMAL.cdf(z))) for z in nodes]
+    weighted = [w * value for w, value in zip(weights, values, strict=True)]
+    powers = [
+        _pairwise_sum([w * p for w, p in zip(weighted, polynomial, strict=True)]) ** 2
+        for polynomial in polynomials
+    ]
     total = math.fsum(powers)
     low, high = 0.0, 1.0
     for _ in range(60):
@@ -82,15 +93,44 @@ def latent_correlation(quantile: Quantile, correlation: float) -> float:
 
 
 @cache
-def _hermite() -> tuple[Floats, Floats, list[Floats]]:
+def _hermite() -> tuple[list[float], list[float], list[list[float]]]:
     """Nodes, weights (sum 1) and the normalised polynomials of degree 1, 2, ... at the nodes."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
-    before, current = np.zeros(_NODES), np.ones(_NODES)
+    half = list(HALF)
+    nodes = [-node for node, _ in reversed(half)] + [node for node, _ in half]
+    weights = [weight for _, weight in reversed(half)] + [weight for _, weight in half]
+    before, current = [0.0] * len(nodes), [1.0] * len(nodes)
     polynomials = []
     for k in range(_TERMS):
-        before, current = current, (nodes * current - math.sqrt(k) * before) / math.sqrt(k + 1)
+        root, divisor = math.sqrt(k), math.sqrt(k + 1)
+        following = [
+            (z * now - root * last) / divisor
+            for z, now, last in zip(nodes, current, before, strict=True)
+        ]
+        before, current = current, following
         polynomials.append(current)
-    return nodes, weights / math.sqrt(2.0 * math.pi), polynomials
+    return nodes, weights, polynomials
+
+
+def _pairwise_sum(values: list[float]) -> float:
+    """The sum in the order in which NumPy adds, which the bits of ρ have always come from.
+
+    Eight partial sums up to 128 numbers; more are halved, at a multiple of eight.
+    """
+    count = len(values)
+    if count > 128:
+        half = count // 2
+        half -= half % 8
+        return _pairwise_sum(values[:half]) + _pairwise_sum(values[half:])
+    whole = count - count % 8
+    parts = values[:8]
+    for start in range(8, whole, 8):
+        for k in range(8):
+            parts[k] += values[start + k]
+    first = (parts[0] + parts[1]) + (parts[2] + parts[3])
+    total = first + ((parts[4] + parts[5]) + (parts[6] + parts[7]))
+    for value in values[whole:]:
+        total += value
+    return total
 
 
 class Staircase:
@@ -114,16 +154,20 @@ class Staircase:
         if quantile(clipped(0.0)) == quantile(clipped(1.0)):
             raise ValueError("all delays are the same, so a correlation means nothing")
         scores, heights, variance = _steps(quantile)
-        rises = np.diff(heights)
-        up = rises > 0.0
-        scores, rises = scores[1:-1][up], rises[up]
-        first, second = np.triu_indices(len(scores))
-        apart = (scores[first] - scores[second]) ** 2 / 2.0
-        order = np.argsort(apart, kind="stable")
-        first, second, self._apart = first[order], second[order], apart[order]
-        self._together = scores[first] * scores[second]
-        twice = np.where(first == second, 1.0, 2.0)
-        self._weights = twice * rises[first] * rises[second] / (2.0 * math.pi * variance)
+        rises = [
+            (score, above - below)
+            for score, (below, above) in zip(scores[1:-1], pairwise(heights), strict=True)
+            if above > below
+        ]
+        pairs = []
+        for i, (score, rise) in enumerate(rises):
+            pairs.append((0.0, score * score, rise * rise))
+            for other, another in rises[i + 1 :]:
+                pairs.append(((score - other) ** 2 / 2.0, score * other, 2.0 * rise * another))
+        pairs.sort(key=lambda pair: pair[0])
+        self._apart = [apart for apart, _, _ in pairs]
+        self._together = [together for _, together, _ in pairs]
+        self._weights = [weight / (2.0 * math.pi * variance) for _, _, weight in pairs]
 
     def confirmed(self, rho: float, correlation: float) -> float:
         """``rho`` if ``correlation`` comes of it, else the ρ of which it does.
@@ -132,7 +176,7 @@ class Staircase:
         """
         if rho < 1.0 and abs(self.correlation(math.acos(rho)) - correlation) < _CONFIRMED:
             return rho
-        # Rounded, for NumPy's exponential has other last bits on other processors.
+        # Rounded, for the exponential has other last bits in other libraries of mathematics.
         return math.cos(float(f"{self.angle(correlation):.9g}"))
 
     def correlation(self, angle: float) -> float:
@@ -163,18 +207,20 @@ class Staircase:
     def _lost(self, low: float, high: float) -> float:
         """By how much the correlation at ``high`` is less than at ``low``, by Gauss-Legendre."""
         half, middle = (high - low) / 2.0, (high + low) / 2.0
-        return half * math.fsum(
-            w * self._density(middle + half * x) for x, w in zip(_ABSCISSAE, _WEIGHTS, strict=True)
-        )
+        return half * math.fsum([w * self._density(middle + half * x) for x, w in _LEGENDRE])
 
     def _density(self, angle: float) -> float:
         square = math.sin(angle) ** 2
-        near = int(np.searchsorted(self._apart, _NEGLIGIBLE * square, side="right"))
-        exponents = -self._apart[:near] / square - self._together[:near] / (1.0 + math.cos(angle))
-        return float(np.sum(self._weights[:near] * np.exp(exponents)))
+        wide = 1.0 + math.cos(angle)
+        total = 0.0
+        for k in range(bisect_right(self._apart, _NEGLIGIBLE * square)):
+            total += self._weights[k] * math.exp(
+                -self._apart[k] / square - self._together[k] / wide
+            )
+        return total
 
 
-def _steps(quantile: Quantile) -> tuple[Floats, Floats, float]:
+def _steps(quantile: Quantile) -> tuple[list[float], list[float], float]:
     """Normal scores, ascending, the heights of the steps between each two, and their variance.
 
     Heights are in units of the range of ``quantile``, from 0 to 1.
@@ -201,7 +247,7 @@ def _steps(quantile: Quantile) -> tuple[Floats, Floats, float]:
             finer_scores.append(scores[k + 1])
             finer_ends.append(ends[k + 1])
         if len(finer_scores) == len(scores):
-            return np.array(scores), np.array(heights), variance
+            return scores, heights, variance
         scores, ends = finer_scores, finer_ends
 
 

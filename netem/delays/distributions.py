@@ -94,8 +94,14 @@ class Gamma(Known):
         if stddev > 100.0 * mean:
             raise ValueError(f"stddev must be at most 100 mean, got {stddev} and {mean}")
         super().__init__((mean, stddev))
-        from scipy.special import gammaincinv  # slow to import, and only this needs it
-
+        try:
+            from scipy.special import gammaincinv  # slow to import, and only this needs it
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError(
+                "a gamma-distributed delay needs SciPy where the link is emulated, which is at the "
+                "receiving robot: pip install 'formnet[lab]' there",
+                name="scipy",
+            ) from None
         self._inverse = gammaincinv
         self._shape, self._scale = (mean / stddev) ** 2, stddev**2 / mean
 

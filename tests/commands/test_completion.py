@@ -130,6 +130,48 @@ def test_completion_imports_no_other_command(complete, modules):
     assert imported(complete=complete) == modules
 
 
+@pytest.mark.processes
+def test_no_command_imports_its_work_to_be_declared():
+    code = (
+        "import sys\nfrom formnet.lab.cli import SECTIONS, load\n"
+        "for commands in SECTIONS.values():\n    for name in commands: load(name)\n"
+        "print(*sys.modules)"
+    )
+    loaded = set(subprocess.check_output([sys.executable, "-c", code], text=True).split())
+    assert "formnet.lab.commands.run.run" in loaded
+    heavy = {"numpy", "pyarrow", "pydantic", "rerun", "rich", "scipy", "zenoh"}
+    assert heavy.isdisjoint(loaded)
+    assert not {name for name in loaded if name.startswith("formnet.lab.work")}
+
+
+@pytest.mark.processes
+def test_a_run_without_scene_and_lookahead_loads_neither_rerun_nor_scipy(here):
+    code = (
+        "import sys\nfrom formnet.lab.cli import main\n"
+        "try: main(prog_name='formnet')\nexcept SystemExit: pass\n"
+        "print(*sys.modules)"
+    )
+    words = ["run", "section5-delay", "--inline", "--set", "duration_s=0.5", "--out", "out"]
+    words += ["--no-figures", "--no-scene", "--no-lookahead"]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    loaded = done.stdout.splitlines()[-1].split()
+    assert "formnet.lab.work.run" in loaded
+    assert {"rerun", "scipy", "matplotlib", "networkx"}.isdisjoint(loaded)
+    assert (here / "out" / "verdict.json").exists()
+    assert not (here / "out" / "run.rrd").exists()
+    assert (here / "out" / "report.html").exists()
+
+
+def test_without_lookahead_a_control_period_that_is_too_long_is_not_warned_of():
+    slow = ["check", "section5-delay", "--set", "clock.control_period_s=0.05"]
+    slow += ["--set", "clock.broadcast_period_s=0.05"]
+    warned = CliRunner().invoke(main, slow)
+    trusted = CliRunner().invoke(main, [*slow, "--no-lookahead"])
+    assert (warned.exit_code, trusted.exit_code) == (0, 0)
+    assert "too long for these gains" in warned.output
+    assert "too long for these gains" not in trusted.output
+
+
 @pytest.mark.parametrize(("words", "near"), [(("nemessis",), "nemesis"), (("keys", "int"), "init")])
 def test_an_unknown_command_is_told_what_is_near(words, near):
     told = CliRunner().invoke(main, words)

@@ -15,7 +15,7 @@ from formnet.lab.schemas.scenario import scenario_schema
 
 def test_no_broken_message_escapes_a_decoder():
     seed = secrets.randbits(32)
-    print(f"seed {seed}: python tests/fuzzing.py --messages 5000 --seed {seed}")
+    print(f"seed {seed}: python tests/helpers/fuzzing.py --messages 5000 --seed {seed}")
     found = fuzz(5000, seed)
     assert found.raised == []
     assert set(found.tried.values()) == {5000}

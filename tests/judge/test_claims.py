@@ -20,11 +20,11 @@ from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, Result, Row
-from formnet.lab.commands.many import claims as command
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
+from formnet.lab.work import claims as command
 
 CLAIMS = {claim.key: claim for claim in catalogue()}
 SCENARIOS = {

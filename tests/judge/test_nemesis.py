@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.events import Kill, Lost, Resume
 from formnet.formation.scenario.loading import load
-from formnet.lab.commands.many import nemesis as command
 from formnet.lab.launch import inline
 from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis.consistency import inconsistencies
@@ -22,6 +21,7 @@ from formnet.lab.nemesis.shrink import shrunk
 from formnet.lab.nemesis.smallest import smallest
 from formnet.lab.nemesis.trial import Trial, tried
 from formnet.lab.runs.recording import Collected
+from formnet.lab.work import nemesis as command
 from formnet.netem.settings.timeline import NEVER
 
 MS = 1_000_000

@@ -3,6 +3,7 @@
 import math
 import re
 
+import matrices as model
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -12,7 +13,6 @@ from scipy.integrate import solve_ivp
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.state import State
-from formnet.plant import model
 from formnet.plant.body import Body, driven, steered
 from formnet.plant.world import BAD_COMMAND, BAD_STATE, World
 

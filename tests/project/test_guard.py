@@ -79,7 +79,7 @@ def test_what_a_test_says_it_starts_it_may_start():
     ("command", "marker"),
     [
         (["/usr/sbin/ip", "netns", "add", "a"], "namespaces"),
-        (["python", "tests/sshd.py"], "namespaces"),
+        (["python", "tests/helpers/sshd.py"], "namespaces"),
         (["node", b"cli.js", "run-driver"], "browser"),
         (["python", "-m", "formnet"], "processes"),
         ("ls", "processes"),

@@ -5,10 +5,14 @@
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from formnet.lab.runs.build import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("netem", "formation", "agent", "plant", "lab")
@@ -74,8 +78,8 @@ BELOW: dict[str, set[str]] = {
 }
 """Which rooms of its own package a room may import."""
 COMMANDS = ("", ".run", ".watch", ".look", ".many", ".machines", ".editors", ".processes")
-OPEN = {"lab", *(f"lab.commands{part}" for part in COMMANDS)}
-"""Rooms that may import all of their package: the command line and its commands."""
+OPEN = {"lab", "lab.work", *(f"lab.commands{part}" for part in COMMANDS)}
+"""Rooms that may import all of their package: the command line, its commands and their work."""
 
 
 def modules() -> dict[str, Path]:
@@ -193,11 +197,11 @@ def test_no_modules_import_each_other():
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}}) == ["a", "b", "c", "a"]
 
 
-def test_nothing_imports_commands_but_the_command_line():
+def test_nothing_imports_commands_but_the_command_line_and_only_they_import_their_work():
     for module, file in KNOWN.items():
         if not module.startswith("lab.commands") and module != "lab.cli":
             for name, line in imports(file, KNOWN):
-                assert not name.startswith("lab.commands"), f"{file}:{line}: {name}"
+                assert not name.startswith(("lab.commands", "lab.work")), f"{file}:{line}: {name}"
 
 
 def test_modules_and_folders_have_sizes_to_read():
@@ -209,6 +213,26 @@ def test_modules_and_folders_have_sizes_to_read():
     for folder in folders:
         files = list(folder.glob("*.py"))
         assert len(files) <= MOST_FILES, f"{folder}: {len(files)} files"
+
+
+@pytest.mark.processes
+def test_robots_and_plant_need_no_package_of_an_extra():
+    """One that their modules import even in passing would have to be on every robot."""
+    names = [
+        f"formnet.{module}"
+        for module in KNOWN
+        if module.partition(".")[0] in ("agent", "plant", "netem", "formation")
+        and not module.startswith("formation.paper")
+    ]
+    names += ["formnet.lab.cli", "formnet.lab.machines.probe"]
+    names += [f"formnet.lab.commands.processes.{command}" for command in ("agent", "plant")]
+    extra = [package for packages in EXTRAS.values() for package in packages]
+    code = (
+        f"import importlib, sys; sys.modules.update(dict.fromkeys({extra!r}))\n"
+        f"for name in {names!r}: importlib.import_module(name)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("folder", ["benchmarks", "examples", "tests"])

@@ -1,24 +1,23 @@
 """What an install holds: scenarios by name, types, a licence; and what ``--help`` does not load."""
 
-import os
 import shutil
 import subprocess
 import sys
 import sysconfig
 import tomllib
-import venv
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 import yaml
+from base_install import PARTS, base, built, copied, environment
 from click.testing import CliRunner
 
 from formnet.formation.scenario.loading import load
 from formnet.lab.cli import main
+from formnet.lab.runs.build import EXTRAS
 from formnet.lab.scenarios.packaged import CONFIGS, find, packaged
-
-PARTS = ("agent", "configs", "formation", "lab", "netem", "plant")
+from formnet.netem.delays.distributions import Gamma
 
 
 def formnet(*arguments):
@@ -79,6 +78,47 @@ def test_the_doctor_needs_no_extra_for_this_machine(monkeypatch, tmp_path):
     assert "pip install 'formnet[hosts]'" in told.output
 
 
+def test_the_doctor_works_with_the_base_install(monkeypatch):
+    for package in EXTRAS["lab"]:
+        monkeypatch.setitem(sys.modules, package, None)
+    found = formnet("doctor")
+    assert found.exit_code == 0
+    assert "extra lab: not installed" in found.output
+    assert "pip install 'formnet[lab]'" in found.output
+
+
+USES = {
+    "jinja2": "report",
+    "matplotlib": "plot",
+    "networkx": "new",
+    "numpy": "plot",
+    "pyarrow": "plot",
+    "rerun": "replay",
+    "rich": "plot",
+    "tomlkit": "migrate",
+}
+"""A command that cannot do without the package; SciPy is imported by what needs it alone."""
+
+
+def test_every_package_of_the_lab_is_one_that_a_command_may_lack():
+    assert {*USES, "scipy"} == set(EXTRAS["lab"])
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(("package", "command"), USES.items())
+def test_a_command_that_lacks_a_package_says_what_installs_it(package, command, tmp_path):
+    code = (
+        f"import sys; sys.modules[{package!r}] = None\nfrom formnet.lab.program import main\nmain()"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code, command, "x"], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert told.returncode == 2
+    (line,) = told.stderr.splitlines()
+    assert f"formnet {command}: the package {package} is missing: " in line
+    assert "pip install 'formnet[lab]'" in line
+
+
 @pytest.mark.processes
 def test_help_loads_nothing_heavy():
     code = (
@@ -107,32 +147,79 @@ def test_help_loads_nothing_heavy():
     assert heavy.isdisjoint(loaded)
 
 
-def copied(root, source):
-    """What a checkout holds of the package, without what was compiled in it."""
-    for part in (*PARTS, "formnet"):
-        shutil.copytree(
-            root / part,
-            source / part,
-            symlinks=True,
-            ignore=shutil.ignore_patterns("*.so", "__py*"),
-        )
-    for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
-        shutil.copy(root / file, source)
+@pytest.fixture(scope="module")
+def wheel(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wheel")
+    copied(root, folder / "source")
+    return built(folder / "source", folder / "wheels")
 
 
-def built(source, target, what="wheel"):
-    """A wheel or an sdist of ``source``, nothing compiled."""
-    target.mkdir(exist_ok=True)
-    code = f"import setuptools.build_meta as backend; backend.build_{what}({str(target)!r})"
-    subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=source,
-        check=True,
-        capture_output=True,
-        env={**os.environ, "FORMNET_PURE": "1"},
+@pytest.fixture(scope="module")
+def base_install(wheel, tmp_path_factory):
+    """Interpreter and folder of packages of an environment with the base install alone."""
+    return base(wheel, tmp_path_factory.mktemp("base") / "venv")
+
+
+@pytest.mark.processes
+def test_the_base_install_is_small(base_install):
+    _, packages = base_install
+    told = subprocess.check_output(["du", "-sm", packages], text=True)
+    assert int(told.split()[0]) <= 70
+
+
+@pytest.mark.processes
+def test_the_base_install_has_what_robots_and_plant_need(base_install, tmp_path):
+    python, packages = base_install
+    rooms = [f"formnet.{part}" for part in ("agent", "plant", "netem", "formation")]
+    code = f"""
+import importlib, pkgutil, sys
+import formnet, formnet.lab.machines.probe, formnet.lab.cli as cli
+for room in {rooms!r}:
+    for found in pkgutil.walk_packages(importlib.import_module(room).__path__, room + "."):
+        if not found.name.startswith("formnet.formation.paper"):
+            importlib.import_module(found.name)
+for command in ("agent", "plant"):
+    cli.load(command)
+print(formnet.__file__)
+try: import agent
+except ModuleNotFoundError: print("no agent")
+"""
+    told = subprocess.check_output([python, "-c", code], text=True, cwd=tmp_path).splitlines()
+    assert told == [str(packages / "formnet" / "__init__.py"), "no agent"]
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    "words", [("run", "section5-delay", "--inline"), ("check", "yard"), ("list",)]
+)
+def test_the_base_install_says_what_brings_the_rest(base_install, tmp_path, words):
+    python, _ = base_install
+    told = subprocess.run(
+        [python, "-m", "formnet", *words], capture_output=True, text=True, cwd=tmp_path
     )
-    (file,) = target.iterdir()
-    return file
+    assert told.returncode == 2
+    (line,) = told.stderr.splitlines()
+    assert "pip install 'formnet[lab]'" in line
+
+
+@pytest.mark.processes
+def test_a_law_of_the_user_s_is_checked_against_the_base_install(base_install, root, tmp_path):
+    python, _ = base_install
+    law = tmp_path / "law.py"
+    shutil.copy(root / "examples" / "own_law" / "saturated.py", law)
+    checker = [sys.executable, "-m", "mypy", "--strict", "--python-executable", python]
+    right = subprocess.run([*checker, law], cwd=tmp_path, capture_output=True, text=True)
+    assert right.returncode == 0, right.stdout
+    law.write_text(law.read_text().replace("situation.offsets_m", "situation.no_such_thing"))
+    wrong = subprocess.run([*checker, law], cwd=tmp_path, capture_output=True, text=True)
+    assert '"Situation" has no attribute "no_such_thing"' in wrong.stdout
+
+
+def test_a_gamma_delay_says_what_brings_scipy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    monkeypatch.setitem(sys.modules, "scipy.special", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install 'formnet\[lab\]' there"):
+        Gamma(0.1, 0.05)
 
 
 @pytest.mark.processes
@@ -171,19 +258,9 @@ def test_a_checkout_without_links_is_told_what_to_do(root, tmp_path):
 
 
 @pytest.mark.processes
-def test_a_wheel_runs_outside_the_checkout(root, tmp_path):
-    copied(root, tmp_path / "source")
-    wheel, home = built(tmp_path / "source", tmp_path / "wheels"), tmp_path / "venv"
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "--no-cache-dir"]
-    offline = ("--no-index", "--no-deps")
-    venv.create(home)
-    python = home / "bin" / "python"
-    subprocess.run([*pip, "--python", python, "install", *offline, wheel], check=True)
-    packages = Path(
-        subprocess.check_output(
-            [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], text=True
-        ).strip()
-    )
+def test_a_wheel_runs_outside_the_checkout(wheel, tmp_path):
+    home = tmp_path / "venv"
+    _, packages = environment(wheel, home)
     assert (packages / "formnet" / "py.typed").exists()
     assert all((packages / "formnet" / part).is_dir() for part in PARTS)
     assert not any((packages / part).exists() for part in PARTS)

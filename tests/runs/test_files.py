@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from conftest import missing
 
 from formnet.lab.cli import main
-from formnet.lab.commands.look.export import write_mcap
 from formnet.lab.runs import files
 from formnet.lab.schemas.scenario import FILE
+from formnet.lab.work.export import write_mcap
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import asyncssh
 import pytest
+from base_install import base, built, copied
 from conftest import missing
 
 from formnet.formation.scenario.hosts import HostsError, load_hosts
@@ -193,11 +194,23 @@ def left_on(network, host):
     return [command for command in commands if "agent" in command]
 
 
+@pytest.fixture(scope="module")
+def small(root, tmp_path_factory):
+    """The interpreter of an environment with the base install alone."""
+    folder = tmp_path_factory.mktemp("small")
+    copied(root, folder / "source")
+    python, _ = base(built(folder / "source", folder / "wheels"), folder / "venv")
+    return python
+
+
 @pytest.mark.namespaces
 @pytest.mark.processes
-def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path):
-    """And the hosts stand in the scenario here."""
+def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, small, tmp_path):
+    """The hosts have the base install alone; and they stand in the scenario here."""
     hosts = (network.folder / "hosts.toml").read_text()
+    assert sys.executable in hosts
+    (network.folder / "small.toml").write_text(hosts.replace(sys.executable, str(small)))
+    hosts = (network.folder / "small.toml").read_text()
     listen, machines = hosts.split("\n", 1)
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(
@@ -208,7 +221,7 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
     process, out = start(scenario, "duration_s=2.0", hosts=())
     said, _ = process.communicate(timeout=90)
     assert process.returncode == 1, said  # too short for the claims
-    assert load_hosts(scenario) == load_hosts(network.folder / "hosts.toml")
+    assert load_hosts(scenario) == load_hosts(network.folder / "small.toml")
     subprocess.run(
         [
             sys.executable,
@@ -232,6 +245,21 @@ def test_lockstep_over_three_hosts_gives_the_same_bits(start, network, tmp_path)
     assert hashes[0] == hashes[1]
     for host in HOSTS:
         assert left_on(network, host) == []
+
+
+@pytest.mark.namespaces
+@pytest.mark.processes
+def test_a_gamma_delay_on_a_host_without_scipy_is_told_with_its_remedy(start, network, small):
+    file = network.folder / "no-scipy.toml"
+    file.write_text((network.folder / "hosts.toml").read_text().replace(sys.executable, str(small)))
+    gamma = 'network.default.delay={distribution="gamma",mean_s=0.1,stddev_s=0.05}'
+    process, out = start("paper/section5-delay.toml", gamma, hosts=("--hosts", file))
+    said, _ = process.communicate(timeout=90)
+    assert process.returncode != 0
+    outcome = json.loads((out / "verdict.json").read_text())["outcome"]
+    assert outcome["kind"] == "failed", said
+    assert "a gamma-distributed delay needs SciPy" in outcome["reason"]
+    assert "pip install 'formnet[lab]' there" in outcome["reason"]
 
 
 @pytest.mark.namespaces
@@ -369,7 +397,7 @@ def test_the_doctor_finds_nothing_where_all_is_well(network):
     code, said = doctor(network)
     assert code == 0, said
     assert (
-        said.count("✓") == 4 + 2 + 1 + 3 * 4 + 5
+        said.count("✓") == 5 + 2 + 1 + 3 * 4 + 5
     )  # here: what there is, keys, port; hosts; robots
     assert "no problems found" in said
 

@@ -11,10 +11,10 @@ from command_line import formnet
 
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.rows import LinkRow, Sample
-from formnet.lab.commands.look import verify
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.difference import first_difference
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.lab.work import verify
 
 SHORT = ("duration_s=0.5", "network.default.loss.probability=0.1")
 

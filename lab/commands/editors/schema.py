@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from formnet.lab.commands.options import Command, fail, out_option
-from formnet.lab.runs import files
 from formnet.lab.runs.exits import of as code_of
 
 
@@ -24,6 +23,8 @@ def command(kind: str, out: Path | None) -> None:
 
     Editors check and complete scenarios with it; programs that read verdicts validate them.
     """
+    from formnet.lab.runs import files
+
     text = _text(kind)
     if out is None:
         click.echo(text, nl=False)

@@ -1,22 +1,13 @@
 """``formnet plot``: the figures of a recorded run, drawn again."""
 
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.markup import escape
 
-from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import FOLDER, Command, out_option
-from formnet.lab.figures import run_figures as figures
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.runs.folders import filled
-from formnet.lab.text.problems import report_problems
-from formnet.lab.verdict.files import Unreadable
-from formnet.lab.verdict.recorded import read_run
 
 
 @click.command("plot", cls=Command)
@@ -29,6 +20,18 @@ def command(folder: Path, out: Path | None) -> None:
 
 def plot_run(folder: Path, out: Path | None) -> int:
     """Draw into a new folder, or into the run's ``figures/``; the exit code of ``formnet plot``."""
+    from contextlib import nullcontext
+
+    from rich.console import Console
+    from rich.markup import escape
+
+    from formnet.formation.scenario.loading import ScenarioError
+    from formnet.lab.figures import run_figures as figures
+    from formnet.lab.runs.folders import filled
+    from formnet.lab.text.problems import report_problems
+    from formnet.lab.verdict.files import Unreadable
+    from formnet.lab.verdict.recorded import read_run
+
     console = Console(stderr=True, highlight=False)
     try:
         run = read_run(folder)

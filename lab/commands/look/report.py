@@ -5,16 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.markup import escape
 
-from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import RUNS, Command
-from formnet.lab.pages.report import write_report
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.text.problems import report_problems
-from formnet.lab.verdict.files import Unreadable
 
 
 @click.command("report", cls=Command)
@@ -26,6 +20,14 @@ def command(folders: tuple[Path, ...]) -> None:
 
 def report_runs(folders: Sequence[Path]) -> int:
     """Make the pages of runs again; the exit code of ``formnet report``."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from formnet.formation.scenario.loading import ScenarioError
+    from formnet.lab.pages.report import write_report
+    from formnet.lab.text.problems import report_problems
+    from formnet.lab.verdict.files import Unreadable
+
     console = Console(stderr=True, highlight=False)
     code = ALL_HOLD
     for folder in folders:

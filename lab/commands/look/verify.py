@@ -1,31 +1,15 @@
 """``formnet verify``: does a recorded run, run again, give the same bits?"""
 
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.markup import escape
 
-from formnet.formation.briefing.resolving import resolve
-from formnet.formation.records.stream import Record
-from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import RUNS, Command
-from formnet.lab.forecast.foresight import obstacle
-from formnet.lab.launch.engine import EngineName, engine
-from formnet.lab.launch.signals import stop_signals
-from formnet.lab.runs.difference import before, differences, other_extremes
-from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
-from formnet.lab.runs.recording import Recording, trajectory_sha256
-from formnet.lab.text.problems import report_problems, say_slow
-from formnet.lab.text.progress import Waits
-from formnet.lab.verdict.files import Unreadable
-from formnet.lab.verdict.model import Verdict
-from formnet.lab.verdict.recorded import read_whole
-from formnet.netem.settings.timeline import NEVER
+
+if TYPE_CHECKING:
+    from formnet.lab.launch.engine import EngineName
 
 
 @click.command("verify", cls=Command)
@@ -43,109 +27,6 @@ def command(folders: tuple[Path, ...], engine: "EngineName") -> None:
     Each is repeated from its own scenario.toml. Exit code 0: identical; 1: different (the first
     difference is printed); 2: cannot be repeated; 3: repeating it failed; 130: interrupted.
     """
+    from formnet.lab.work.verify import verify_runs
+
     sys.exit(verify_runs(folders, engine))
-
-
-def verify_runs(folders: Sequence[Path], how: EngineName) -> int:
-    """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all."""
-    console = Console(highlight=False)
-    codes = []
-    with stop_signals() as stopped:
-        for folder in folders:
-            if stopped.is_set():
-                codes.append(INTERRUPTED)
-                break
-            try:
-                codes.append(_verify(console, folder, stopped.is_set, how))
-            except ScenarioError as error:
-                report_problems(console, error)
-                codes.append(BAD_INPUT)
-            except Unreadable as error:
-                console.print(
-                    f"[red]{escape(str(folder))}:[/] {escape(str(error))}", soft_wrap=True
-                )
-                codes.append(BAD_INPUT)
-    return max(codes)
-
-
-def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: EngineName) -> int:
-    recorded = read_whole(folder)
-    judged = recorded.verdict
-    assert judged is not None
-    problem = obstacle(recorded.scenario, partial(say_slow, console))
-    if problem is not None:
-        raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
-    if recorded.scenario.clock.mode == "realtime":
-        raise Unreadable(
-            'clock.mode = "realtime": a run in real time is not repeatable to the bit; '
-            "its virtual twin does (--set clock.mode=lockstep)"
-        )
-    unplanned_s = judged.unplanned_s
-    until_ns = NEVER if unplanned_s is None else round(unplanned_s * 1e9)
-    samples = before(recorded.samples, until_ns)
-    if not samples:
-        raise Unreadable(
-            "nothing to compare: no sample was recorded before something unplanned happened"
-        )
-    console.print(
-        f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are repeated …[/]",
-        soft_wrap=True,
-    )
-    with TemporaryDirectory(prefix="formnet-verify-") as scratch:
-        again = Recording(Path(scratch) / "run", recorded.scenario)
-
-        waits = Waits(console)
-
-        def take(record: Record) -> None:
-            again(record)
-            waits.take(record)
-
-        repeating = engine(how, again.folder / "logs")
-        outcome = repeating.run(resolve(again.scenario), take, stopped, until_ns)
-        again.close()
-    if stopped():
-        return INTERRUPTED
-    if again.now_ns() < samples[-1].t_ns:
-        console.print(
-            f"[red]{escape(str(folder))}:[/] could not be repeated: {outcome.kind}, "
-            + escape(outcome.reason),
-            soft_wrap=True,
-        )
-        return BROKEN
-    found = differences(recorded, again, until_ns)
-    whole = until_ns == NEVER
-    if whole and found.motion is None and judged.motion is not None:
-        found = found._replace(motion=other_extremes(judged.motion.model_dump(), again.motion))
-    sealed = trajectory_sha256(recorded.samples) == judged.trajectory_sha256
-    name = escape(str(folder))
-    if found.identical and sealed:
-        extent = (
-            f": {len(samples)} samples, {len(recorded.link_rows)} messages"
-            if whole
-            else f" up to t = {until_ns / 1e9:g} s, where {_what_happened(judged, until_ns)}: "
-            f"{len(samples)} of {len(recorded.samples)} samples"
-        )
-        console.print(f"{name}: [green]identical[/]{extent}", soft_wrap=True)
-        if whole:
-            console.print(f"  sha256 {judged.trajectory_sha256}", soft_wrap=True)
-        return ALL_HOLD
-    console.print(f"{name}: [red]differs[/]", soft_wrap=True)
-    if not sealed:
-        console.print(
-            "  states.parquet does not match the SHA-256 in verdict.json: it was "
-            "changed after the run",
-            soft_wrap=True,
-        )
-    for what in found.in_words:
-        console.print(f"  {escape(what)} (recorded, and repeated)", soft_wrap=True)
-    for line in [] if found.identical else judged.other_versions():
-        console.print(f"  {escape(line)}", soft_wrap=True)
-    return ONE_FAILS
-
-
-def _what_happened(judged: Verdict, at_ns: int) -> str:
-    """What the scenario does not say, and is not compared."""
-    outcome = judged.outcome
-    if outcome.planned or round(outcome.t_s * 1e9) > at_ns:
-        return "something unplanned happened"
-    return f"the recorded run ended ({outcome.kind}; whether it ends so again is not checked)"

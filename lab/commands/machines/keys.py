@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from formnet.lab.commands.options import Whole, fail
-from formnet.lab.runs.build import install
 from formnet.lab.runs.exits import in_words
 from formnet.lab.runs.exits import of as code_of
 
@@ -30,10 +29,8 @@ def init(folder: Path, robots: str, hosts: str, days: int) -> None:
 
     Private keys have mode 0600. Nothing is overwritten: run it again to add robots.
     """
-    try:
-        from formnet.lab.machines.keys import KeysExist, make, robots_of
-    except ImportError:
-        fail(2, f"keys need the package cryptography: {install('hosts')}")
+    from formnet.lab.machines.keys import KeysExist, make, robots_of
+
     try:
         ids = robots_of(robots)
     except ValueError as error:

@@ -1,34 +1,39 @@
 """``formnet check``: is a scenario valid, and what does the theory predict?"""
 
 import sys
-from functools import partial
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.markup import escape
 
-from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.commands.options import OVERRIDE, SCENARIO, Command
-from formnet.lab.forecast.checked import load_checked
+from formnet.lab.commands.options import NO_LOOKAHEAD, OVERRIDE, SCENARIO, Command
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
-from formnet.lab.text.assessment import describe, describe_plan
-from formnet.lab.text.problems import report_problems, say_slow, warn
 
 
 @click.command("check", cls=Command)
 @SCENARIO
 @OVERRIDE
-def command(scenario: Path, overrides: tuple[str, ...]) -> None:
+@NO_LOOKAHEAD
+def command(scenario: Path, overrides: tuple[str, ...], no_lookahead: bool) -> None:
     """Validate SCENARIO; print what the theory predicts."""
-    sys.exit(check_scenario(scenario, overrides))
+    sys.exit(check_scenario(scenario, overrides, lookahead=not no_lookahead))
 
 
-def check_scenario(path: Path, overrides: tuple[str, ...]) -> int:
+def check_scenario(path: Path, overrides: tuple[str, ...], *, lookahead: bool) -> int:
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
+    from functools import partial
+
+    from rich.console import Console
+    from rich.markup import escape
+
+    from formnet.formation.scenario.loading import ScenarioError
+    from formnet.lab.forecast.checked import load_checked
+    from formnet.lab.text.assessment import describe, describe_plan
+    from formnet.lab.text.problems import report_problems, say_slow, warn
+
     troubles = Console(stderr=True)
     try:
-        scenario, warnings = load_checked(path, overrides, partial(say_slow, troubles))
+        say = partial(say_slow, troubles)
+        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
     except ScenarioError as error:
         report_problems(troubles, error)
         return BAD_INPUT

@@ -6,7 +6,6 @@ import click
 
 from formnet.lab.commands.options import Command, Number, Whole, fail, out_option
 from formnet.lab.runs.exits import of as code_of
-from formnet.lab.scenarios.new import CannotWrite, Wish, write
 
 
 @click.command("new", cls=Command)
@@ -77,6 +76,8 @@ def command(
     robots, and scenario.schema.json beside it, with which editors complete and check. Files are
     never overwritten.
     """
+    from formnet.lab.scenarios.new import CannotWrite, Wish, write
+
     try:
         path = write(Wish(name, robots, pattern, graph, network, spacing_m, seed, mode), out)
     except CannotWrite as error:

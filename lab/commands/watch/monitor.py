@@ -6,13 +6,7 @@ from pathlib import Path
 
 import click
 
-from formnet.formation.wire.bus import BusError
-from formnet.formation.wire.process import on_stop
-from formnet.formation.wire.security import KeysError
 from formnet.lab.commands.options import KEYS, LEASH, PLAINTEXT, VIEW, WEB, Command, fail, viewer
-from formnet.lab.launch.live import find
-from formnet.lab.scene.viewer import ViewerFailed
-from formnet.lab.watch.monitor import NoRun, Source, watch
 
 
 @click.command("monitor", cls=Command)
@@ -53,6 +47,13 @@ def command(
     Exit code 0: the run was followed to its end; 2: there is nothing to watch; 3: the run broke
     off, or --save could not be written; 130: interrupted before the end.
     """
+    from formnet.formation.wire.bus import BusError
+    from formnet.formation.wire.process import on_stop
+    from formnet.formation.wire.security import KeysError
+    from formnet.lab.launch.live import find
+    from formnet.lab.scene.viewer import ViewerFailed
+    from formnet.lab.watch.monitor import NoRun, Source, watch
+
     if connect is not None and folder is not None:
         raise click.UsageError("RUN is a run on this machine: it excludes --connect")
     shown = viewer(view=view or not (web or save), web=web)

@@ -4,10 +4,7 @@ from pathlib import Path
 
 import click
 
-from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.commands.options import VIEW, WEB, Command, Number, fail, viewer
-from formnet.lab.scene.viewer import ViewerFailed
-from formnet.lab.watch.replay import NoScene, replay
 
 
 @click.command("replay", cls=Command)
@@ -26,6 +23,10 @@ def command(folder: Path, speed: float, view: bool, web: bool) -> None:
 
     RUN is a run folder. Without --web, a window opens.
     """
+    from formnet.formation.scenario.loading import ScenarioError
+    from formnet.lab.scene.viewer import ViewerFailed
+    from formnet.lab.watch.replay import NoScene, replay
+
     shown = viewer(view=view, web=web)
     try:
         replay(folder, speed, web=shown == "web", say=click.echo)

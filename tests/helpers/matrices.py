@@ -1,7 +1,7 @@
 """The matrices of Eqs. 1 and 7, written as the paper writes them.
 
-The plant integrates :mod:`plant.body`'s scalar equations; these matrices are
-their source, used where the structure itself matters (Properties 1-4, energy).
+The plant integrates the scalar equations of :mod:`plant.body`; these matrices are
+their source, for tests of the structure itself (Properties 1-4, energy).
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""``python tests/fuzzing.py``: broken messages at every decoder; whatever comes, none may raise.
+"""``python tests/helpers/fuzzing.py``: broken messages at every decoder; whatever comes, none may raise.
 
 Messages of every kind are mutated (bits, bytes, lengths, numbers, splices; a broadcast's
 checksum is made good again half of the time) and given to the decoders, and to whole robots as

@@ -1,0 +1,1 @@
+"""What the larger commands do; ``lab/commands`` declares them and imports this when called."""

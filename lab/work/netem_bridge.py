@@ -1,0 +1,100 @@
+"""``formnet netem-bridge``: run a bridge until Ctrl-C, then say what became of the messages."""
+
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from formnet.lab.launch.signals import stop_signals
+from formnet.lab.text.links_table import links_table
+from formnet.lab.text.tables import output
+from formnet.netem.bridge.bridge import Bridge, BridgeError, session
+from formnet.netem.bridge.control import server
+from formnet.netem.bridge.lanes import NetworkFileError, checked_keys, load
+
+ENDED, BAD_INPUT, BROKEN = 0, 2, 3
+_ARROWS = {"forward": "→", "backward": "←"}
+
+
+class _BadOption(ValueError):
+    """A value of an option that cannot be used."""
+
+
+def run_bridge(first: str, second: str, keys: str, network: Path, control: str | None) -> int:
+    """Join two networks; returns the exit code of ``formnet netem-bridge``."""
+    console = Console(stderr=True)
+    try:
+        file = load(network)
+        checked_keys(keys)
+        address = None if control is None else _address(control)
+    except (NetworkFileError, ValueError) as error:
+        console.print(f"[red]bad input:[/] {escape(str(error))}", soft_wrap=True)
+        return BAD_INPUT
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stop_signals())
+        try:
+            one = stack.enter_context(session(first))
+            other = stack.enter_context(session(second))
+            bridge = Bridge(one, other, keys, file)
+        except BridgeError as error:
+            console.print(f"[red]bridge:[/] {escape(str(error))}", soft_wrap=True)
+            return BROKEN
+        try:
+            if address is not None:
+                http = stack.enter_context(server(bridge, *address))
+                threading.Thread(target=http.serve_forever, daemon=True).start()
+                stack.callback(http.shutdown)
+        except OSError as error:
+            bridge.close(drain=False)
+            console.print(f"[red]--control {control}:[/] {error.strerror}", soft_wrap=True)
+            return BROKEN
+        console.print(
+            escape(f"bridging {first} (→) and {second} (←), keys {keys}; Ctrl-C ends"),
+            soft_wrap=True,
+        )
+        while not stopped.wait(0.2) and bridge.clock.running:
+            pass
+        broken = _drain(console, bridge, stopped)
+        rows = bridge.statistics()
+    output().print(
+        links_table([(f"{_ARROWS[row['direction']]} {row['link']}", row) for row in rows], "")
+    )
+    if bridge.failures:
+        console.print(f"[yellow]messages that could not be delivered:[/] {bridge.failures}")
+    if broken is not None:
+        console.print(f"[red]the bridge broke:[/] {escape(f'{type(broken).__name__}: {broken}')}")
+        return BROKEN
+    return ENDED
+
+
+def _drain(console: Console, bridge: Bridge, stopped: threading.Event) -> Exception | None:
+    """Deliver what is in flight, unless asked to stop again; returns what broke the bridge."""
+    errors: list[Exception] = []
+
+    def close() -> None:
+        try:
+            bridge.close()
+        except Exception as error:  # whatever stopped the delivery
+            errors.append(error)
+
+    stopped.clear()
+    closing = threading.Thread(target=close)
+    closing.start()
+    closing.join(0.3)
+    if closing.is_alive():
+        left = sum(row["in_flight"] for row in bridge.statistics())
+        console.print(f"draining: {left} in flight; Ctrl-C again drops them")
+    while closing.is_alive():
+        closing.join(0.1)
+        if stopped.is_set():
+            bridge.clock.drop()
+    return errors[0] if errors else None
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not colon or not host or not port.isdigit() or int(port) > 65535:
+        raise _BadOption(f"--control {text}: must be HOST:PORT, such as 127.0.0.1:8765")
+    return host.strip("[]"), int(port)
