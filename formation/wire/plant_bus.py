@@ -1,6 +1,6 @@
 """What a plant needs of a bus, and how Zenoh gives it.
 
-Tests have one in memory (``tests/helpers/memory_bus.py``), so whatever can go wrong between a plant and
+Tests have one in memory (``tests/helpers/memory_bus.py``): what can go wrong between a plant and
 its robots is a matter of function calls.
 """
 

@@ -81,7 +81,7 @@ class Network:
                     "exec",
                     self.name(host),
                     sys.executable,
-                    str(Path(__file__).parents[1] / "sshd.py"),
+                    str(Path(__file__).parents[1] / "helpers" / "sshd.py"),
                     self.address(host),
                     str(PORT),
                     str(self.folder / "host-key"),
