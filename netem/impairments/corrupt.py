@@ -2,9 +2,13 @@
 
 from random import Random
 
+from pydantic import Field
+
 from formnet.netem.core.checks import probability as checked
 from formnet.netem.core.link import Impairment
 from formnet.netem.core.transit import CORRUPTED, Transit
+from formnet.netem.files.tables import Probability
+from formnet.netem.impairments.stage import Stages, StageTable
 
 
 class Corrupt:
@@ -34,3 +38,18 @@ class Corrupt:
         damaged[bit // 8] ^= 1 << bit % 8
         copy.payload = bytes(damaged)
         copy.fate = CORRUPTED
+
+
+class CorruptSettings(StageTable):
+    """``corrupt = { probability = 0.001 }``"""
+
+    probability: Probability = Field(
+        default=0.0, description="Share of messages in which one bit is flipped."
+    )
+
+    def stages(self) -> Stages:
+        return {"corrupt": lambda: Corrupt(self.probability)} if self.probability else {}
+
+    @property
+    def loses(self) -> bool:
+        return self.probability > 0

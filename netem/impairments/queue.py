@@ -4,8 +4,12 @@ import heapq
 from collections.abc import Sequence
 from random import Random
 
+from pydantic import Field
+
 from formnet.netem.core.link import Impairment
 from formnet.netem.core.transit import LOST_QUEUE, Transit
+from formnet.netem.files.tables import Count
+from formnet.netem.impairments.stage import Stages, StageTable
 
 
 class QueueLimit:
@@ -89,3 +93,22 @@ class QueueExit:
     def apply(self, copy: Transit, random: Random) -> None:
         if not copy.absent:
             self._limit.enter(copy.due_ns, len(copy.payload))
+
+
+class QueueSettings(StageTable):
+    """``queue = { messages = 1000, bytes = 64_000 }``; 0: no limit."""
+
+    messages: Count = Field(
+        default=0, description="Messages beyond this number in transit are lost; 0: no limit."
+    )
+    bytes: Count = Field(default=0, description="The same limit in bytes.")
+
+    def stages(self) -> Stages:
+        if not (self.messages or self.bytes):
+            return {}
+        limit = QueueLimit(self.messages, self.bytes)
+        return {"queue": lambda: QueueEntry(limit), "queue exit": lambda: QueueExit(limit)}
+
+    @property
+    def loses(self) -> bool:
+        return self.messages > 0 or self.bytes > 0

@@ -3,8 +3,12 @@
 from collections.abc import Sequence
 from random import Random
 
+from pydantic import Field
+
 from formnet.netem.core.link import Impairment
 from formnet.netem.core.transit import Transit
+from formnet.netem.files.tables import Count
+from formnet.netem.impairments.stage import Stages, StageTable
 
 
 class Rate:
@@ -64,3 +68,21 @@ class Rate:
         start_ns = max(copy.due_ns, self._free_ns)
         self._free_ns = start_ns + self.duration_ns(len(copy.payload))
         copy.due_ns = self._free_ns
+
+
+class RateSettings(StageTable):
+    """``rate = { bits_per_s = 1_000_000, overhead_bytes = 38 }``; 0 bits_per_s: no limit."""
+
+    bits_per_s: Count = Field(default=0, description="Rate limit; 0: no limit.")
+    overhead_bytes: Count = Field(default=0, description="Added to every message.")
+    cell_bytes: Count = Field(
+        default=0, description="Messages fill whole cells of this size; 0: no cells."
+    )
+    cell_overhead_bytes: Count = Field(default=0, description="Added to every cell.")
+
+    def stages(self) -> Stages:
+        return {"rate": lambda: Rate(**dict(self))} if self.bits_per_s else {}
+
+    @property
+    def delays(self) -> bool:
+        return self.bits_per_s > 0

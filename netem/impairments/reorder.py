@@ -1,10 +1,15 @@
 """Reordering: messages that overtake the others."""
 
 from random import Random
+from typing import Annotated
+
+from pydantic import Field
 
 from formnet.netem.core.checks import probability as checked
 from formnet.netem.core.link import Impairment
 from formnet.netem.core.transit import Transit
+from formnet.netem.files.tables import Probability
+from formnet.netem.impairments.stage import Stages, StageTable
 
 
 class Reorder:
@@ -39,3 +44,17 @@ class Reorder:
         else:
             self._delayed = 0
             copy.hurried = True
+
+
+class ReorderSettings(StageTable):
+    """``reorder = { probability = 0.25, gap = 5 }``"""
+
+    probability: Probability = Field(
+        default=0.0, description="Share of messages that skip delay and rate."
+    )
+    gap: Annotated[int, Field(ge=1)] = Field(
+        default=1, description="Only every n-th message can be reordered."
+    )
+
+    def stages(self) -> Stages:
+        return {"reorder": lambda: Reorder(self.probability, self.gap)} if self.probability else {}

@@ -4,8 +4,12 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from random import Random
 
+from pydantic import Field, model_validator
+
 from formnet.netem.core.link import Impairment
 from formnet.netem.core.transit import Transit
+from formnet.netem.files.tables import Count, Seconds, nanoseconds
+from formnet.netem.impairments.stage import Stages, StageTable
 
 _SLOTS_DRAWN = 1000
 
@@ -89,3 +93,28 @@ class Slots:
             return False
         too_many = self._messages > 0 and self._held >= self._messages
         return too_many or (self._bytes > 0 and self._held_bytes + size > self._bytes)
+
+
+class SlotsSettings(StageTable):
+    """``slots = { min_s = 0.001, max_s = 0.002, messages = 8, bytes = 1500 }``; max_s = 0: none."""
+
+    min_s: Seconds = Field(default=0.0, description="Shortest time between two slots.")
+    max_s: Seconds = Field(default=0.0, description="Longest time between two slots; 0: no slots.")
+    messages: Count = Field(default=0, description="Most messages per slot; 0: no limit.")
+    bytes: Count = Field(default=0, description="Most bytes per slot; 0: no limit.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "SlotsSettings":
+        if self.max_s and not 1e-9 <= self.min_s <= self.max_s:
+            raise ValueError(f"need 1e-9 <= min_s <= max_s, got {self.min_s} and {self.max_s}")
+        return self
+
+    def stages(self) -> Stages:
+        if not self.max_s:
+            return {}
+        shortest_ns, longest_ns = nanoseconds(self.min_s), nanoseconds(self.max_s)
+        return {"slots": lambda: Slots(shortest_ns, longest_ns, self.messages, self.bytes)}
+
+    @property
+    def delays(self) -> bool:
+        return self.max_s > 0

@@ -1,8 +1,10 @@
 """A link's settings as they stand in a file, and the link they describe."""
 
+import pkgutil
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import (
@@ -18,12 +20,14 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from formnet.netem import impairments
 from formnet.netem.core.duplicate import Duplicate
 from formnet.netem.core.link import Impairment, Link
 from formnet.netem.files.overrides import OverrideError, Values, assign
 from formnet.netem.files.problems import Problem, problems
 from formnet.netem.files.tables import (
     Part,
+    Probability,
     Seconds,
     Table,
     members,
@@ -31,23 +35,19 @@ from formnet.netem.files.tables import (
     optional,
     part_of,
 )
+from formnet.netem.impairments.corrupt import CorruptSettings
 from formnet.netem.impairments.order import KeepOrder
 from formnet.netem.impairments.playout import Playout
+from formnet.netem.impairments.queue import QueueSettings
+from formnet.netem.impairments.rate import RateSettings
+from formnet.netem.impairments.reorder import ReorderSettings
+from formnet.netem.impairments.slots import SlotsSettings
+from formnet.netem.impairments.stage import Stages, StageTable
 from formnet.netem.settings.delays import ConstantDelaySettings, DelaySettings
 from formnet.netem.settings.losses import LossSettings, RandomLossSettings
 from formnet.netem.settings.presets import PRESETS
-from formnet.netem.settings.tables import (
-    CorruptSettings,
-    DuplicateSettings,
-    QueueSettings,
-    RateSettings,
-    ReorderSettings,
-    SlotsSettings,
-    Stages,
-    StageTable,
-)
 
-PIPELINE = {
+_ORDER = {
     "loss": "loss",
     "corrupt": "corrupt",
     "queue": "queue",
@@ -59,9 +59,28 @@ PIPELINE = {
     "queue exit": "queue",
     "playout": "playout_s",
 }
+
+
+def _added() -> dict[str, type[StageTable]]:
+    """By key, the tables of impairments that are not named in this module."""
+    for module in pkgutil.iter_modules(impairments.__path__):
+        import_module(f"{impairments.__name__}.{module.name}")
+    return {table.key: table for table in StageTable.__subclasses__() if table.key}
+
+
+def _pipeline(added: Mapping[str, type[StageTable]]) -> dict[str, str]:
+    names = list(_ORDER)
+    for table in added.values():
+        names.insert(names.index(table.after) + 1, table.key)
+    return {name: _ORDER.get(name, name) for name in names}
+
+
+_ADDED = _added()
+PIPELINE = _pipeline(_ADDED)
 """The impairments of a link in tc-netem's order, and the key that each is made from.
 
-Duplicates are made before all of them; ``playout`` is at the receiver."""
+Duplicates are made before all of them; ``playout`` is at the receiver. Impairments that bring
+their own table (:mod:`formnet.netem.impairments.stage`) have their places in it."""
 
 _KINDS = {"delay": "distribution", "loss": "model"}
 """The tables that come in kinds, and the key that says which."""
@@ -126,7 +145,27 @@ class _Preset(Table):
         return schema
 
 
-class LinkSettings(_Preset):
+class DuplicateSettings(Table):
+    """``duplicate = { probability = 0.01 }``"""
+
+    probability: Probability = Field(
+        default=0.0, description="Share of messages that are sent twice."
+    )
+
+    def duplicate(self) -> Duplicate | None:
+        """What makes duplicates, if anything does."""
+        return Duplicate(self.probability) if self.probability else None
+
+
+if TYPE_CHECKING:
+    _WithAdded = _Preset
+else:
+    _WithAdded = create_model(
+        "_WithAdded", __base__=_Preset, **{key: (table, table()) for key, table in _ADDED.items()}
+    )
+
+
+class LinkSettings(_WithAdded):
     """All settings of one direction of a link; the default is an ideal link."""
 
     delay: DelaySettings = Field(
@@ -191,7 +230,7 @@ class LinkSettings(_Preset):
     def constant_ns(self) -> int | None:
         """The delay if every message that arrives has the same one."""
         shortest, longest = self.delay.range_ns
-        if self.rate.bits_per_s or self.slots.max_s:
+        if any(table.delays for table in self._tables()):
             return None
         if self.playout_s:
             return nanoseconds(self.playout_s)
@@ -204,8 +243,7 @@ class LinkSettings(_Preset):
         in_time = not self.playout_s or (
             longest is not None and longest <= nanoseconds(self.playout_s)
         )
-        queued = self.queue.messages or self.queue.bytes
-        return self.loss.never and in_time and not queued and not self.corrupt.probability
+        return self.loss.never and in_time and not any(table.loses for table in self._tables())
 
     def impairments(
         self, before: "LinkSettings | None" = None, held: Iterable[Impairment] = ()
@@ -223,11 +261,13 @@ class LinkSettings(_Preset):
         stages = self._stages()
         return [same.get(name) or stages[name]() for name in PIPELINE if name in stages]
 
+    def _tables(self) -> list[StageTable]:
+        return [table for _, table in self if isinstance(table, StageTable)]
+
     def _stages(self) -> Stages:
         found: dict[str, Any] = {}
-        for _, table in self:
-            if isinstance(table, StageTable):
-                found |= table.stages()
+        for table in self._tables():
+            found |= table.stages()
         if not self.loss.never:
             found["loss"] = self.loss.impairment
         if self.delay.range_ns != (0, 0):

@@ -11,6 +11,7 @@ from complete_links import COMPLETE
 Place = tuple[str | int, ...]
 
 TEXT = """
+format = 2
 name = "every-number"
 seed = 3
 duration_s = 30.0

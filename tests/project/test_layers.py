@@ -31,7 +31,7 @@ PACKAGES_BELOW: dict[str, set[str]] = {
 BELOW: dict[str, set[str]] = {
     "netem.core": set(),
     "netem.delays": {"netem.core"},
-    "netem.impairments": {"netem.core"},
+    "netem.impairments": {"netem.core", "netem.files"},
     "netem.files": set(),
     "netem.settings": {"netem.core", "netem.delays", "netem.impairments", "netem.files"},
     "netem.bridge": {"netem.core", "netem.files", "netem.settings"},
