@@ -235,7 +235,9 @@ def test_a_plant_that_hangs_ends_the_run(start):
     run.until_event("network")
     run.child("plant").suspend()
     assert run.wait(60) == 3
-    assert "the plant said nothing for 11.5 s and was killed" in run.verdict()["outcome"]["reason"]
+    assert (
+        "the plant reported nothing for 11.5 s and was killed" in run.verdict()["outcome"]["reason"]
+    )
     assert run.verdict()["simulated_s"] > 0
 
 
