@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from formnet.lab.api import Check as Check
     from formnet.lab.api import Run as Run
     from formnet.lab.api import check as check
-    from formnet.lab.api import open_run as open
+    from formnet.lab.api import open as open
     from formnet.lab.api import run as run
     from formnet.lab.verdict.files import Unreadable as Unreadable
 
 _PLACES = {
     "run": ("lab.api", "run"),
-    "open": ("lab.api", "open_run"),
+    "open": ("lab.api", "open"),
     "check": ("lab.api", "check"),
     "Run": ("lab.api", "Run"),
     "Check": ("lab.api", "Check"),

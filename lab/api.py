@@ -182,7 +182,7 @@ def run(
         overrides: Values by key path, such as ``{"network.default.delay.mean_s": 0.5}``, or texts
             as ``--set`` takes them. Robots are named by id: ``robots.3.damping``.
         law: A control law of yours instead of the one that the scenario names: a class or function
-            that takes a :class:`Situation`, or an object with the method ``command`` that all
+            that takes a ``Situation``, or an object with the method ``command`` that all
             robots share. The run is of a law with its name.
         until_s: End the run there, as interrupted.
 
@@ -219,7 +219,7 @@ def run(
     return Run(collected, judge(collected, mode="inline", wall_s=wall_s, warnings=warnings))
 
 
-def open_run(folder: str | PathLike[str]) -> Run:
+def open(folder: str | PathLike[str]) -> Run:
     """A recorded run, from its folder.
 
     Raises:
@@ -235,8 +235,8 @@ def check(scenario: Source, overrides: Overrides = (), *, lookahead: bool = True
     """Validate a scenario and say what the theory makes of it, without running it.
 
     Args:
-        scenario: As for :func:`run`.
-        overrides: As for :func:`run`.
+        scenario: As for ``run``.
+        overrides: As for ``run``.
         lookahead: Whether to follow the closed loop from the starts, to warn of a control period
             that is too long for the gains.
 
