@@ -1,11 +1,12 @@
 """The command ``formnet``; :mod:`formnet.lab.runs.exits` has its exit codes.
 
 A command's module (``lab/commands/<folder>/<name>.py``) is imported when the command is called,
-asked for its help or completed: ``--help`` answers from the table here, at once.
+asked for its help or completed: ``--help`` shows the first line of its text, at once.
 """
 
 import gc
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import click
@@ -13,45 +14,29 @@ import click
 from formnet.lab.runs.build import remedy, stale
 from formnet.lab.runs.exits import BAD_INPUT
 
-SECTIONS: dict[tuple[str, str], dict[str, str]] = {
-    ("A run", "run"): {
-        "run": "Run SCENARIO and judge it.",
-        "check": "Validate SCENARIO; print what the theory predicts.",
-        "new": "Write a commented scenario to start from.",
-        "migrate": "Bring scenarios to the current format.",
-        "scenarios": "List the packaged scenarios.",
-        "laws": "List the control laws available for law.kind.",
-    },
-    ("Watch", "watch"): {
-        "monitor": "Watch a run in progress.",
-        "replay": "Replay a recorded run.",
-    },
-    ("Look back", "look"): {
-        "list": "List the runs in DIR (runs/), newest first.",
-        "report": "Recreate report.html from a run's folder.",
-        "plot": "Redraw a run's figures from its folder.",
-        "compare": "Compare runs side by side.",
-        "export": "Write a run as MCAP or CSV.",
-        "verify": "Repeat recorded runs; compare every bit.",
-    },
-    ("Many runs", "many"): {
-        "claims": "Run and judge every claim of the paper.",
-        "nemesis": "Test SCENARIO with random failures.",
-    },
-    ("Networks and machines", "machines"): {
-        "netem-bridge": "Join two Zenoh networks through emulated links.",
-        "doctor": "Check this machine and hosts; say how to fix problems.",
-        "keys": "Make certificates for the processes of a run.",
-    },
-    ("Editors and shells", "editors"): {
-        "schema": "Print the JSON Schema of scenarios or verdicts.",
-        "completion": "Print the completion script for SHELL.",
-    },
-    ("Started by formnet run", "processes"): {
-        "plant": "Run the plant process of a run of SCENARIO.",
-        "agent": "Run the process of one robot.",
-    },
+_FOLDER = Path(__file__).with_name("commands")
+_TITLES: dict[tuple[str, str], tuple[str, ...]] = {
+    ("A run", "run"): ("run", "check", "new"),
+    ("Watch", "watch"): (),
+    ("Look back", "look"): ("list", "report", "plot"),
+    ("Many runs", "many"): (),
+    ("Networks and machines", "machines"): ("netem-bridge", "doctor"),
+    ("Editors and shells", "editors"): ("schema",),
+    ("Started by formnet run", "processes"): ("plant",),
 }
+"""By title and folder of each section: the commands that come first; others follow by name."""
+
+
+def _lines(folder: str, first: tuple[str, ...]) -> dict[str, str]:
+    """The commands of a folder and their first lines of help: those of their modules' texts."""
+    found = {}
+    for file in sorted((_FOLDER / folder).glob("[!_]*.py")):
+        with file.open(encoding="utf-8") as text:
+            found[file.stem.replace("_", "-")] = text.readline().strip().strip('"')
+    return {name: found[name] for name in [*first, *(name for name in found if name not in first)]}
+
+
+SECTIONS = {place: _lines(place[1], first) for place, first in _TITLES.items()}
 """What --help shows: by title and folder of each section, its commands and their first lines."""
 
 

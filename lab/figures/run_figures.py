@@ -1,7 +1,9 @@
 """Figures of a run: draws all, and has the paths (Figs. 2, 4, 6 of the paper), errors and V."""
 
+import pkgutil
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 from formnet.formation.scenario.expect import Expect
 from formnet.formation.scenario.model import Scenario
+from formnet.lab import figures as rooms
 from formnet.lab.figures import links as link_figures
 from formnet.lab.figures.canvas import (
     COLOURS,
@@ -51,14 +54,16 @@ def draw(recording: Collected, folder: Path, stopped: Callable[[], bool] = lambd
         if stopped():
             return
         figure = make()
+        if figure is None:
+            continue
         if name == "thumbnail":
             save(figure, folder, name, kinds=("png",), dpi=100)
         else:
             save(figure, folder, name)
 
 
-def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    """Each figure by its name."""
+def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure | None]]]:
+    """Each figure by its name; last those of modules that have ``FIGURES`` (see `lab.figures`)."""
     scenario, trajectories = recording.scenario, recording.trajectories
     if len(trajectories.t_s):
         yield "thumbnail", partial(thumbnail, scenario, trajectories)
@@ -70,6 +75,10 @@ def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure]]]
             yield "lyapunov", partial(lyapunov, recording, found)
     yield "graph", partial(graph, recording)
     yield from link_figures.of(recording).items()
+    for module in pkgutil.iter_modules(rooms.__path__):
+        others = getattr(import_module(f"{rooms.__name__}.{module.name}"), "FIGURES", {})
+        for name, make in sorted(others.items()):
+            yield name, partial(make, recording)
 
 
 def before_runaway(trajectories: Trajectories) -> Trajectories:

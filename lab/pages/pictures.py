@@ -1,8 +1,10 @@
 """The figures of a run as its page shows them, with words for who cannot see them."""
 
 import base64
+import re
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import islice
 from typing import NamedTuple
 
 from formnet.formation.scenario.expect import ERRORS
@@ -19,6 +21,10 @@ _TITLES = {
     "graph": "Communication graph",
 }
 
+_KNOWN = {*_TITLES, "thumbnail"}
+_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
+_MOST_OTHERS = 20
+
 
 class Picture(NamedTuple):
     """A figure in the page: a data URI, and words for who cannot see it."""
@@ -32,6 +38,7 @@ class Picture(NamedTuple):
 def pictures(run: Recorded) -> Iterator[Picture]:
     """Every figure there is, as PNG or SVG, whichever is smaller."""
     titles = _TITLES | {"errors": claim_words.capital(claim_words.errors(run.scenario))}
+    titles |= {name: claim_words.capital(name.replace("-", " ")) for name in _others(run)}
     for name, title in titles.items():
         found: list[tuple[bytes, str]] = []
         for suffix, kind in (("png", "image/png"), ("svg", "image/svg+xml")):
@@ -40,11 +47,18 @@ def pictures(run: Recorded) -> Iterator[Picture]:
         if found:
             data, kind = min(found, key=lambda item: len(item[0]))
             source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
-            yield Picture(name, title, source, _in_words(name, run))
+            yield Picture(name, title, source, _in_words(name, run) or f"{title}.")
+
+
+def _others(run: Recorded) -> list[str]:
+    """Figures that this module does not know (see :mod:`formnet.lab.figures`), by name."""
+    found = sorted(path.stem for path in (run.folder / "figures").glob("*.png"))
+    names = (name for name in found if _NAME.fullmatch(name) and name not in _KNOWN)
+    return list(islice(names, _MOST_OTHERS))
 
 
 def _in_words(name: str, run: Recorded) -> str:
-    """What a figure shows."""
+    """What a figure shows; empty of one that this module does not know."""
     judged, scenario = run.verdict, run.scenario
     if name == "errors" and judged is not None:
         titles = claim_words.titles(scenario)
@@ -72,4 +86,4 @@ def _in_words(name: str, run: Recorded) -> str:
         "deliveries": "A band per link: the delay of every message at the time of its sending, or "
         "how it was lost.",
         "delays": "Histograms of measured delays beside the configured distributions.",
-    }[name]
+    }.get(name, "")

@@ -10,7 +10,9 @@ import pytest
 from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
+from formnet.lab import cli
 from formnet.lab.cli import SECTIONS, load, main
+from formnet.lab.commands import look
 from formnet.lab.scenarios.packaged import packaged
 
 
@@ -98,18 +100,19 @@ def test_a_command_begins_its_own_help_as_the_list_says(name):
     assert shown.startswith(f"Usage: formnet {name} ")
 
 
-def test_every_file_of_a_command_is_in_the_list(root):
-    there = {
-        path.relative_to(root / "lab" / "commands").with_suffix("").as_posix()
-        for path in (root / "lab" / "commands").glob("*/*.py")
-        if path.name != "__init__.py"
-    }
-    listed = {
-        f"{folder}/{name.replace('-', '_')}"
-        for (_, folder), commands in SECTIONS.items()
-        for name in commands
-    }
-    assert there == listed
+def test_a_new_command_is_one_file(tmp_path, monkeypatch):
+    """Its first line is what the list shows; the file alone makes it a command."""
+    (tmp_path / "look").mkdir()
+    (tmp_path / "look" / "throw_away.py").write_text(
+        '"""Throw RUN away."""\n\nimport click\n\n'
+        '@click.command("throw-away")\ndef command():\n    click.echo("thrown")\n',
+        encoding="utf-8",
+    )
+    monkeypatch.setattr(cli, "_FOLDER", tmp_path)
+    assert cli._lines("look", ()) == {"throw-away": "Throw RUN away."}
+    monkeypatch.setitem(cli.SECTIONS, ("Look back", "look"), cli._lines("look", ()))
+    monkeypatch.setattr(look, "__path__", [*look.__path__, str(tmp_path / "look")])
+    assert CliRunner().invoke(load("throw-away"), []).output == "thrown\n"
 
 
 @pytest.mark.processes

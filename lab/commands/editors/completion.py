@@ -1,4 +1,4 @@
-"""``formnet completion``: what a shell must evaluate so that it completes ``formnet``."""
+"""Print the completion script for SHELL."""
 
 import click
 from click.shell_completion import get_completion_class

@@ -1,4 +1,4 @@
-"""``formnet schema``: the JSON Schemas of scenarios and of verdicts."""
+"""Print the JSON Schema of scenarios or verdicts."""
 
 from pathlib import Path
 

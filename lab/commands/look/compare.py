@@ -1,4 +1,4 @@
-"""``formnet compare``: runs side by side."""
+"""Compare runs side by side."""
 
 import sys
 from pathlib import Path

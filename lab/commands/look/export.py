@@ -1,4 +1,4 @@
-"""``formnet export``: a run for other programs, as CSV or MCAP."""
+"""Write a run as MCAP or CSV."""
 
 import sys
 from pathlib import Path

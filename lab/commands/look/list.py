@@ -1,4 +1,4 @@
-"""``formnet list``: what lies in a folder of runs."""
+"""List the runs in DIR (runs/), newest first."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet plot``: the figures of a recorded run, drawn again."""
+"""Redraw a run's figures from its folder."""
 
 import sys
 from pathlib import Path

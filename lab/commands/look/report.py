@@ -1,4 +1,4 @@
-"""``formnet report``: the pages of recorded runs, made again."""
+"""Recreate report.html from a run's folder."""
 
 import sys
 from collections.abc import Sequence

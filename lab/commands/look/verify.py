@@ -1,4 +1,4 @@
-"""``formnet verify``: does a recorded run, run again, give the same bits?"""
+"""Repeat recorded runs; compare every bit."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet doctor``: what a run over these hosts needs and lacks, and what to do about it."""
+"""Check this machine and hosts; say how to fix problems."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet keys``: certificates for the processes of a run."""
+"""Make certificates for the processes of a run."""
 
 from pathlib import Path
 

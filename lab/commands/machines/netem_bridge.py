@@ -1,4 +1,4 @@
-"""``formnet netem-bridge``: run a bridge until Ctrl-C, then say what became of the messages."""
+"""Join two Zenoh networks through emulated links."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet claims``: run every claim, print the table, write it down."""
+"""Run and judge every claim of the paper."""
 
 import sys
 from pathlib import Path

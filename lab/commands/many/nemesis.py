@@ -1,4 +1,4 @@
-"""``formnet nemesis``: random schedules against a scenario, and what fails made small."""
+"""Test SCENARIO with random failures."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet agent``: the process of one robot.
+"""Run the process of one robot.
 
 Zenoh is imported once it is known how many threads it may have.
 """

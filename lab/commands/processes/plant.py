@@ -1,4 +1,4 @@
-"""``formnet plant``: the process of the plant.
+"""Run the plant process of a run of SCENARIO.
 
 Zenoh is imported once it is known how many threads it may have.
 """

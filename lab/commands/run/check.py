@@ -1,4 +1,4 @@
-"""``formnet check``: is a scenario valid, and what does the theory predict?"""
+"""Validate SCENARIO; print what the theory predicts."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet laws``: the control laws that are installed."""
+"""List the control laws available for law.kind."""
 
 import click
 

@@ -1,4 +1,4 @@
-"""``formnet migrate``: rewrite a scenario, or that of a run, in the current format."""
+"""Bring scenarios to the current format."""
 
 import sys
 from pathlib import Path

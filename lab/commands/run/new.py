@@ -1,4 +1,4 @@
-"""``formnet new``: a commented scenario to start from."""
+"""Write a commented scenario to start from."""
 
 from pathlib import Path
 

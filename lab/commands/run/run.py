@@ -1,4 +1,4 @@
-"""``formnet run``: load, launch, watch, judge, draw."""
+"""Run SCENARIO and judge it."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``formnet scenarios``: the packaged scenarios."""
+"""List the packaged scenarios."""
 
 import click
 

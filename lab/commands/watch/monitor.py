@@ -1,4 +1,4 @@
-"""``formnet monitor``: watch a run in progress."""
+"""Watch a run in progress."""
 
 import sys
 import threading

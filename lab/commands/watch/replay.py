@@ -1,4 +1,4 @@
-"""``formnet replay``: replay a recorded run in a viewer."""
+"""Replay a recorded run."""
 
 from pathlib import Path
 
