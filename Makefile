@@ -16,11 +16,12 @@ build: $(VENV)/.base
 STARTS_SOMETHING := processes or browser or namespaces
 
 test: check docs quick
+	$(BIN)/pytest -n 2 -m 'long and not ($(STARTS_SOMETHING))'
 	$(BIN)/pytest -m '$(STARTS_SOMETHING)'
 
-# Everything that needs no other process, browser or namespace.
+# What needs no other process, browser or namespace, and does not compute for long: in a minute.
 quick: $(VENV)/.test
-	$(BIN)/pytest -n 2 -m 'not ($(STARTS_SOMETHING))'
+	$(BIN)/pytest -n 2 -m 'not (long or $(STARTS_SOMETHING))'
 
 # Long proofs, an hour or more, of what is committed; their results go into docs/proofs.
 # Part of them: make prove PROVE="nemesis --seed 7 --schedules 100"

@@ -147,6 +147,7 @@ def test_a_scenario_with_a_bad_tree_says_so(root):
         scenario(root, "law.parameters=3")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("robot", "at_s", "holds"),
     [(None, 0.0, True), (5, 2.0, False), (1, 2.0, False), (4, 10.0, False), (2, 2.0, True)],

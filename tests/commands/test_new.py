@@ -49,6 +49,7 @@ def here(tmp_path, monkeypatch):
 # --- what it writes ----------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("pattern", "graph"), list(product(PATTERNS, GRAPHS)))
 @pytest.mark.parametrize("robots", [2, 3, 8])
 def test_it_passes_the_check_without_a_warning(pattern, graph, robots):
@@ -60,6 +61,7 @@ def test_it_passes_the_check_without_a_warning(pattern, graph, robots):
     ] * 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", [*PRESETS])
 def test_every_network_passes_the_check_and_the_schema(network):
     import tomllib
@@ -80,6 +82,7 @@ RUNS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "wish", RUNS, ids=lambda wish: f"{wish.pattern}-{wish.graph}-{wish.network}"
 )

@@ -53,6 +53,7 @@ def numeric(entry):
     return entry.get("type") in ("number", "integer") or any(map(numeric, inner))
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("error")
 def test_no_odd_number_of_a_scenario_raises_anything_but_a_scenario_error():
     """Each is refused with its place, or loads; then the theory has something to say."""

@@ -136,6 +136,7 @@ def of_the_paper(tmp_path_factory):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["cooperative", "leader_follower"])
 def test_a_law_of_the_paper_is_held_against_its_equations(of_the_paper, kind):
     page = told_by(of_the_paper[kind])

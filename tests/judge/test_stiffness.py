@@ -67,6 +67,7 @@ def too_long(scenario):
     return scenario.clock.control_period_s > longest_period_s(course(scenario))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_warning_begins_within_a_factor_of_two_of_where_runs_break(root, family):
     assert not breaks(sampled(root, family, 0.85))
@@ -80,6 +81,7 @@ def shipped(root):
     return [path for path in found if path.name != "wifi.toml"]  # the bridge's
 
 
+@pytest.mark.long
 def test_no_shipped_scenario_is_warned_of_its_period(root):
     paths = shipped(root)
     assert len(paths) >= 12
@@ -130,6 +132,7 @@ def fleet(*changes):
     return loads(text, overrides=["law.gamma=0.1", "duration_s=40.0", RETURN, *changes])
 
 
+@pytest.mark.long
 def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
     monkeypatch.setattr(stiffness, "MOST_S", 60.0)  # however busy the machine is
     said = [warning for warning in warnings(fleet()) if "too long" in warning]

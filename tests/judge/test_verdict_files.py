@@ -226,12 +226,14 @@ def folder(tmp_path_factory, paper):
     return recording
 
 
+@pytest.mark.long
 @given(place=st.sampled_from(sorted(places(WHOLE), key=str)), value=WRONG)
 def test_a_changed_verdict_is_told_or_refused_and_never_a_traceback(folder, place, value):
     put(folder.folder, changed(place, value))
     look(folder.folder, folder.scenario)
 
 
+@pytest.mark.long
 @given(
     place=st.sampled_from(
         [place for place in sorted(places(WHOLE), key=str) if isinstance(place[-1], str)]
@@ -250,6 +252,7 @@ def test_a_key_that_is_missing_or_unknown_is_told_or_refused(folder, place, drop
     look(folder.folder, folder.scenario)
 
 
+@pytest.mark.long
 @given(st.recursive(WRONG, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
 def test_any_json_is_refused(folder, data):
     put(folder.folder, data)

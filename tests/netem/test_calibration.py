@@ -151,6 +151,7 @@ def test_an_outlier_is_as_good_as_the_only_other_value(wanted):
     assert found == pytest.approx(wanted, abs=PROMISED)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wanted", [0.1, 0.5, 0.8, 0.99])
 @pytest.mark.parametrize("name", ["one late in ten", "five", "two bumps"])
 def test_samples_against_draws_of_pairs(name, wanted):
@@ -192,6 +193,7 @@ SMOOTH = {
 ALL_IN_THE_TAIL = {"lognormal, as heavy as it gets"}  # all but 1e-9 of the variance
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SMOOTH)
 def test_distributions_against_a_grid_of_pairs(name):
     law = SMOOTH[name]

@@ -123,6 +123,7 @@ def test_quantile_function_is_scipys(name, u):
     assert law.quantile(u) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("correlation", [0.0, 0.5])
 @pytest.mark.parametrize("name", LAWS)
 def test_delays_have_the_distribution(name, correlation):
@@ -148,6 +149,7 @@ def test_delays_have_the_distribution(name, correlation):
     assert stats.kstest(found * (1.2 if correlation else 1.05), reference.cdf).pvalue < ALPHA
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wanted", [0.25, 0.5, 0.75])
 @pytest.mark.parametrize("name", [*LAWS, "uniform", "empirical"])
 def test_lag_1_correlation_of_delays(name, wanted):
@@ -250,6 +252,7 @@ def test_four_state_defaults_are_independent_losses():
     assert stats.binomtest(sum(after), len(after), 0.1).pvalue > ALPHA
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("probability", "correlation"), [(0.003, 0.25), (0.2, 0.75), (0.5, 0.5)])
 def test_correlated_loss_hits_its_rate_and_its_correlation(probability, correlation):
     """tc-netem's man page has "0.3% 25%"; its formula then drops nothing, and 0.11 % at 20 %, 75 %.

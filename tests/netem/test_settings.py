@@ -210,6 +210,7 @@ def extreme(table):
     )
 
 
+@pytest.mark.long
 @settings(max_examples=1500)
 @given(
     st.fixed_dictionaries(

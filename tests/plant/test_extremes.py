@@ -97,6 +97,7 @@ def motions(draw):
     return ids, draw(st.booleans()), ticks
 
 
+@pytest.mark.long
 @settings(max_examples=600)
 @given(motions())
 def test_extremes_are_those_of_all_ticks_and_pairs(motion):

@@ -50,6 +50,7 @@ REFERENCE = {  # formation, heading, centroid at 5 s; robot 1 at 5 s; the three 
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", REFERENCE)
 def test_reference_table_to_the_digits_given(paper, name):
     at_5, pose, at_40 = REFERENCE[name]
@@ -70,6 +71,7 @@ def last_digit(value: float) -> float:
     return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(1, 7))
 def test_every_theorem_reaches_its_expected_verdict(paper, number, tmp_path):
     scenario = paper(f"theorem{number}")
@@ -88,6 +90,7 @@ def test_every_theorem_reaches_its_expected_verdict(paper, number, tmp_path):
 CONNECTED = [g for g in nx.graph_atlas_g() if len(g) == 5 and nx.is_connected(g)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("graph", CONNECTED[::2][:10], ids=lambda g: f"{g.number_of_edges()}-edges")
 def test_section_5_with_delay_passes_on_other_connected_graphs(paper, graph):
     edges = [[a + 1, b + 1] for a, b in sorted(graph.edges)]
@@ -106,6 +109,7 @@ def test_printed_delta_diverges(paper):
     assert outcome.t_ns < 1e9
 
 
+@pytest.mark.long
 def test_compensated_cross_term_brings_the_centroid_home_without_damping(paper):
     """The compensated law is more than the paper's: Theorem 3's centroid comes home as well."""
     centroids = [
@@ -117,6 +121,7 @@ def test_compensated_cross_term_brings_the_centroid_home_without_damping(paper):
     assert centroids[1][-1] < 0.5 * centroids[1][-1001]  # and still falling
 
 
+@pytest.mark.long
 def test_a_body_with_its_mass_off_the_axle_still_forms_up(paper):
     scenario = paper(
         "section5", "robot_defaults.com_offset_m=0.1", "robot_defaults.com_offset_estimate_m=0.0"

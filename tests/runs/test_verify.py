@@ -43,6 +43,7 @@ def change(file, column, row, value):
     pq.write_table(table.set_column(place, field, pa.array(values, field.type)), file)
 
 
+@pytest.mark.long
 def test_a_run_is_identical(recorded):
     code, said = formnet("verify", recorded)
     assert code == 0

@@ -413,6 +413,7 @@ def test_a_constant_delay_is_in_the_middle_of_its_band_beside_its_label():
     assert [label.get_text() for label in named.get_yticklabels()] == ["100 ms", "20 ms"]
 
 
+@pytest.mark.long
 @given(
     st.lists(
         st.lists(st.none() | st.floats(0.0, 1e4), min_size=1, max_size=6), min_size=1, max_size=6

@@ -160,6 +160,7 @@ BROKEN = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("file", "content", "words"), BROKEN)
 def test_what_is_broken_is_said_on_the_page_and_in_the_list(copy, file, content, words):
     if content is None:
@@ -272,6 +273,7 @@ def test_an_interrupted_run_has_a_page_and_gets_its_figures_with_report(copy):
     assert formnet("report", copy.parent / "none")[0] == 2
 
 
+@pytest.mark.long
 def test_a_run_that_shall_not_draw_does_not(tmp_path):
     out = tmp_path / "run"
     assert (
@@ -297,6 +299,7 @@ def test_a_run_that_fell_short_is_told_that_it_did(copy):
     assert "still decreasing at the end" in Page(copy / "report.html").text
 
 
+@pytest.mark.long
 def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
     out = tmp_path / "run"
     code, said = formnet(
@@ -427,6 +430,7 @@ def test_standing(kind, expected, holds, word):
 # --- plot -----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_plot_draws_what_the_run_drew(recorded, tmp_path):
     assert formnet("plot", recorded, "--out", tmp_path / "again")[0] == 0
     drawn = {file.name: file.read_bytes() for file in (recorded / "figures").glob("*.png")}
@@ -450,6 +454,7 @@ def another(tmp_path_factory):
     return out
 
 
+@pytest.mark.long
 def test_compare_tells_what_differs(recorded, another, copy, tmp_path):
     code, said = formnet("compare", recorded, copy, another, "--out", tmp_path / "out")
     assert code == 0

@@ -189,6 +189,7 @@ def test_losses_and_delays_of_links(recorded):
     assert {0.0} == {share for t, (share,) in losses if t < 0.45}
 
 
+@pytest.mark.long
 def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
     """As the documentation says: 60 bytes a cell and 5 MB."""
     text = "\n".join(
