@@ -205,13 +205,6 @@ class ClockUncertain(Event, name="clock uncertain", severity=Severity.WARNING):
     bound_s: float
 
 
-@dataclass(frozen=True)
-class Stuck(Event, name="stuck", severity=Severity.WARNING):
-    """A robot's wheels turn and it does not."""
-
-    robot: RobotId
-
-
 # --- of messages ----------------------------------------------------------------------
 
 Party = RobotId | Literal["plant"]

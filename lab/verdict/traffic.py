@@ -39,7 +39,6 @@ class Messages(Section):
     )
     rejected: list[Rejected] = Field(description="What receivers refused.")
     refused: list[Refused] = Field(description="What the hub's access control denied.")
-    latest_s: float = Field(default=0.0, description="When the last message was sent (s).")
 
     @property
     def lost(self) -> int:
@@ -92,7 +91,6 @@ def messages(events: Sequence[Event], rows: Sequence[LinkRow]) -> Messages:
             for (robot, source, reason), times in rejections(events).items()
         ],
         refused=_refused(events),
-        latest_s=max((row.t_sent_ns for row in rows), default=0) / 1e9,
     )
 
 
