@@ -7,6 +7,7 @@ the environment nothing is compiled, and the wheel is for every machine.
 
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 from setuptools import Extension, setup
@@ -48,6 +49,14 @@ HOT = [
     "formnet/plant/timed.py",
     "formnet/plant/world.py",
 ]
+MYPY = """
+[mypy]
+ignore_missing_imports = True
+[mypy-formnet.lab.*]
+follow_imports = skip
+"""
+"""What is compiled must be right where only mypy is installed; the lab, which formnet/__init__.py
+names for type checkers alone, needs NumPy to be."""
 
 
 def compiled() -> list[Extension]:
@@ -59,12 +68,15 @@ def compiled() -> list[Extension]:
     try:
         from mypyc.build import mypycify
 
-        extensions: list[Extension] = mypycify(
-            ["--config-file=", "--ignore-missing-imports", *HOT],
-            group_name="formnet",
-            opt_level="2",
-            debug_level="0",
-        )
+        with tempfile.TemporaryDirectory() as folder:
+            settings = Path(folder, "mypy.ini")
+            settings.write_text(MYPY, encoding="utf-8")
+            extensions: list[Extension] = mypycify(
+                [f"--config-file={settings}", *HOT],
+                group_name="formnet",
+                opt_level="2",
+                debug_level="0",
+            )
     except (Exception, SystemExit) as error:
         print(f"formnet is installed uncompiled: {error!r}", file=sys.stderr)
         return []

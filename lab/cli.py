@@ -33,7 +33,8 @@ def _lines(folder: str, first: tuple[str, ...]) -> dict[str, str]:
     for file in sorted((_FOLDER / folder).glob("[!_]*.py")):
         with file.open(encoding="utf-8") as text:
             found[file.stem.replace("_", "-")] = text.readline().strip().strip('"')
-    return {name: found[name] for name in [*first, *(name for name in found if name not in first)]}
+    names = sorted(found, key=lambda name: first.index(name) if name in first else len(first))
+    return {name: found[name] for name in names}
 
 
 SECTIONS = {place: _lines(place[1], first) for place, first in _TITLES.items()}
