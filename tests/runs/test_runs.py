@@ -277,13 +277,14 @@ def test_a_robot_lost_before_its_planned_restart_comes_back_then(start):
 
 
 def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
-    """Before anything of the command is imported: this checkout has no command at all."""
+    """Before anything of the command is imported: this checkout has nothing that it needs."""
     (tmp_path / "setup.py").touch()
     needed = (
         "formnet/__init__.py",
         "formnet/__main__.py",
         "lab/__init__.py",
         "lab/cli.py",
+        "lab/commands/run/laws.py",
         "lab/program.py",
         "lab/streams.py",
         "lab/runs/__init__.py",
@@ -291,7 +292,7 @@ def test_a_compiled_module_older_than_its_source_is_refused(root, tmp_path):
         "lab/runs/exits.py",
     )
     for name in needed:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes((root / name).read_bytes())
     (tmp_path / "formnet" / "lab").symlink_to(tmp_path / "lab")
     source, built = tmp_path / "agent" / "robot.py", tmp_path / "agent" / "robot.cpython-3.so"
