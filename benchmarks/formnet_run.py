@@ -8,7 +8,6 @@ included, to formnet's disadvantage. Records are dropped as they come.
 
 import secrets
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.table import BenchmarkError
@@ -43,12 +42,11 @@ def tick_ms(
     folder: Path,
     *,
     also: Sink = lambda _: None,
-    refresh: Callable[[], None] = lambda: None,
     begun: Begun = lambda *_: None,
 ) -> float:
     """Run ``scenario`` once; wall-clock milliseconds per tick. Files go to ``folder``.
 
-    ``also`` gets the records, ``refresh`` and ``begun`` are called as by ``lab.launch.launch``.
+    ``also`` gets the records, ``begun`` is called as by ``lab.launch.launch``.
 
     Raises:
         BenchmarkError: the run did not complete.
@@ -59,7 +57,6 @@ def tick_ms(
     name = f"{scenario.name}-{secrets.token_hex(3)}"
 
     def over() -> bool:
-        refresh()
         return time.monotonic() > deadline
 
     launch = Launch(resolve(scenario), name, clock, folder / "logs", begun=begun)

@@ -18,10 +18,13 @@ from benchmarks import formnet_run
 from benchmarks.plan import Plan
 from benchmarks.scenarios import section5
 from benchmarks.table import BenchmarkError, Row, Target
+from formnet.formation.scenario.loading import dumps
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.launch.launch import LocalChild, end
 from formnet.lab.launch.signals import GRACE_S
-from formnet.lab.scene.rrd import RunFile
+from formnet.lab.runs import files
+from formnet.lab.runs.recording import SCENARIO
+from formnet.lab.scene.writer import SceneWriter
 
 BOUND = Target("<=", 1.1)
 
@@ -62,8 +65,9 @@ def measure(plan: Plan, folder: Path) -> list[Row]:
 
 def _recorded(scenario: Scenario, place: Path) -> float:
     place.mkdir(parents=True)
-    file = RunFile(place, scenario)
-    found = formnet_run.tick_ms(scenario, place, also=file.take, refresh=file.refresh)
+    files.write_new(place / SCENARIO, dumps(scenario))
+    file = SceneWriter(place)
+    found = formnet_run.tick_ms(scenario, place, also=file.take)
     file.close(None)
     return found
 

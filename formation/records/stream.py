@@ -39,7 +39,7 @@ Streamed = Record | Stir
 
 
 def pack(record: Streamed) -> bytes:
-    """A record as it is in a stream."""
+    """A record as it is in a stream; what is no text, as in names of files, is escaped."""
     match record:
         case Event() | Outcome():
             kind = "Event" if isinstance(record, Event) else "Outcome"
@@ -48,7 +48,7 @@ def pack(record: Streamed) -> bytes:
             fields = [type(record).__name__, record.rows]
         case Stir():
             fields = ["Stir", plain(record)]
-    return msgpack.packb(fields)  # type: ignore[no-any-return]
+    return msgpack.packb(fields, unicode_errors="backslashreplace")  # type: ignore[no-any-return]
 
 
 def unpack(data: bytes, robots: Sequence[int]) -> Streamed:

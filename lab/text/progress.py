@@ -2,7 +2,6 @@
 
 import threading
 import time
-from typing import Protocol
 
 from rich.console import Console
 from rich.markup import escape
@@ -16,20 +15,10 @@ from formnet.formation.records.events import (
     Waiting,
     named,
 )
-from formnet.formation.records.stream import Record
+from formnet.formation.records.stream import Record, Sink
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs.recording import Recording
 from formnet.lab.runs.words import times
-
-
-class Scene(Protocol):
-    """What draws a run while it goes on, such as :class:`formnet.lab.scene.rrd.RunFile`."""
-
-    def take(self, record: Record) -> None:
-        """Take one record, from any thread."""
-
-    def refresh(self) -> None:
-        """Draw what came, if it is time."""
 
 
 class Waits:
@@ -56,9 +45,12 @@ class Waits:
 
 
 class Watch:
-    """Shows a run while it goes on: progress, current errors, and events as they come."""
+    """Shows a run while it goes on: progress, current errors, and events as they come.
 
-    def __init__(self, console: Console, recording: Recording, scene: Scene | None) -> None:
+    ``scene`` is what draws it, and takes every record, from any thread.
+    """
+
+    def __init__(self, console: Console, recording: Recording, scene: Sink | None) -> None:
         self._console = console
         self._recording = recording
         self._scene = scene
@@ -99,7 +91,7 @@ class Watch:
     def _take(self, record: Record) -> None:
         self._recording(record)
         if self._scene is not None:
-            self._scene.take(record)
+            self._scene(record)
         match record:
             case Started():
                 self._started = time.monotonic()
@@ -123,8 +115,6 @@ class Watch:
 
     def refresh(self) -> None:
         """Redraw, at most ten times a second."""
-        if self._scene is not None:
-            self._scene.refresh()
         if time.monotonic() - self._drawn >= 0.1:
             self._draw()
 

@@ -13,8 +13,8 @@ from formnet.formation.scenario.loading import load
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.runs.recording import STATES
 from formnet.lab.scene.blueprint import NOWHERE, blueprint, half_width
-from formnet.lab.scene.rrd import FILE
 from formnet.lab.scene.viewer import Viewer
+from formnet.lab.scene.writer import FILE
 from formnet.lab.verdict.recorded import not_a_folder
 
 _LOOK_S = 0.1

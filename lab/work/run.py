@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -12,7 +12,6 @@ from rich.markup import escape
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.formation.scenario.model import Scenario
 from formnet.lab.forecast.checked import load_checked
 from formnet.lab.judge import lyapunov
 from formnet.lab.launch import live
@@ -26,6 +25,7 @@ from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import check_free, claimed
 from formnet.lab.runs.recording import Recording
+from formnet.lab.scene.writer import SceneWriter
 from formnet.lab.text.links_table import links_table
 from formnet.lab.text.problems import report_problems, say_slow, warn
 from formnet.lab.text.progress import Watch
@@ -33,9 +33,6 @@ from formnet.lab.text.summary import claims_table, summarise
 from formnet.lab.text.tables import output
 from formnet.lab.verdict import files as verdict_files
 from formnet.lab.verdict.model import judge
-
-if TYPE_CHECKING:
-    from formnet.lab.scene.rrd import RunFile
 
 
 def run_scenario(
@@ -53,7 +50,7 @@ def run_scenario(
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
 
     ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
-    ``scene``: with ``run.rrd``; without, Rerun is not loaded. ``lookahead``: the law is tried
+    ``scene``: with ``run.rrd``; without, no process draws it. ``lookahead``: the law is tried
     before.
     """
     console = Console(stderr=True)
@@ -85,13 +82,13 @@ def run_scenario(
     with stop_signals() as stopped, ExitStack() as stack:
         try:
             recording = claimed(out, scenario.name, partial(Recording, scenario=scenario))
-            shown = _scene(recording.folder, scenario) if scene else None
+            shown = SceneWriter(recording.folder) if scene else None
         except OSError as error:
             return _unusable(console, error)
         if shown is not None:
             stack.callback(shown.leave)
         with (
-            Watch(console, recording, shown) as watch,
+            Watch(console, recording, None if shown is None else shown.take) as watch,
             where.place(hosts, watch.take, recording.now_ns) as place,
             ExitStack() as meanwhile,
         ):
@@ -126,12 +123,6 @@ def run_scenario(
         return code
 
 
-def _scene(folder: Path, scenario: Scenario) -> "RunFile":
-    from formnet.lab.scene.rrd import RunFile  # loads Rerun: a bad scenario is told before
-
-    return RunFile(folder, scenario)
-
-
 def _unusable(console: Console, error: OSError) -> int:
     console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)
     return code_of(error)
@@ -140,7 +131,7 @@ def _unusable(console: Console, error: OSError) -> int:
 def _conclude(
     console: Console,
     recording: Recording,
-    scene: "RunFile | None",
+    scene: SceneWriter | None,
     outcome: Outcome,
     how: dict[str, Any],
     stopped: Callable[[], bool],

@@ -187,11 +187,14 @@ def test_events_that_found_no_room_are_written_when_there_is_some(tmp_path, pape
 
 def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
     from formnet.formation.records.rows import Sample, Samples
-    from formnet.lab.scene.rrd import RunFile
+    from formnet.formation.scenario.loading import dumps
+    from formnet.lab.runs.recording import SCENARIO
+    from formnet.lab.scene.writer import SceneWriter
 
     place.mount("32k")
     scenario = paper("section5", "duration_s=2.0")
-    scene = RunFile(place.folder, scenario)
+    (place.folder / SCENARIO).write_text(dumps(scenario))
+    scene = SceneWriter(place.folder)
     rows = [
         Sample(k * 10**7, robot, float(k), 0.0, 0.0, 0.0, 0.0, None, None)
         for k in range(200)
@@ -200,7 +203,7 @@ def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
     scene.take(Samples(rows))
     with pytest.raises(OSError, match="No space left on device"):
         scene.close(None)
-    assert not list(place.folder.iterdir())
+    assert [file.name for file in place.folder.iterdir()] == [SCENARIO]
 
 
 # --- who reads what is printed -------------------------------------------------------------------

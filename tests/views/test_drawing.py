@@ -78,7 +78,8 @@ def test_robots_have_a_colour_each(robots, tmp_path):
                     Sample(0, robot, float(robot), 0.0, 0.0, 0.0, 0.0, None, None)
                     for robot in scenario.ids
                 ]
-            )
+            ),
+            0,
         )
         scene.close(None)
     (names,) = [

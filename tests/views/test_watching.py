@@ -115,6 +115,7 @@ def test_a_run_s_file_is_its_states_and_events(recorded):
     assert v[0] == pytest.approx(np.log10(judged["lyapunov"]["final"]), abs=1e-12)
 
 
+@pytest.mark.processes
 def test_the_pattern_is_its_places_and_the_edges_between_them(recorded):
     edges = load(SECTION5).formation.edges
     assert len(edges) == 5
@@ -128,6 +129,7 @@ def test_the_pattern_is_its_places_and_the_edges_between_them(recorded):
         )
 
 
+@pytest.mark.processes
 def test_a_cut_link_is_dashed_and_a_dead_robot_grey(recorded):
     file = recorded / "run.rrd"
     strips = dict(columns(file, "/field/links", "LineStrips2D:strips"))
@@ -143,6 +145,7 @@ def test_a_cut_link_is_dashed_and_a_dead_robot_grey(recorded):
     assert len(set(ages[0.85])) > 1  # the cut one is older
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("live", [True, False])
 def test_who_watches_live_sees_links_where_the_robots_are(recorded, tmp_path, live):
     """What became of messages is known later; a file waits for it."""
@@ -176,6 +179,7 @@ def test_the_scale_is_a_round_number_in_sight(size_m):
     assert np.abs(bar - middle).max() < half_m
 
 
+@pytest.mark.processes
 def test_losses_and_delays_of_links(recorded):
     file = recorded / "run.rrd"
     delays = columns(file, "/links/delay/1-2", "Scalars:scalars")
@@ -214,7 +218,8 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
                     for tick in ticks
                     for robot in scenario.ids
                 ]
-            )
+            ),
+            0,
         )
         scene.take(
             LinkRows(
@@ -223,10 +228,11 @@ def test_the_file_of_a_long_run_of_many_robots_is_bounded(tmp_path):
                     for tick in ticks[::10]
                     for link in scenario.directed_links
                 ]
-            )
+            ),
+            0,
         )
         scene.refresh()
-    scene.take(Outcome("completed", 200 * 10**9, None, ""))
+    scene.take(Outcome("completed", 200 * 10**9, None, ""), 0)
     scene.close(None)
     frames = columns(tmp_path / "run.rrd", "/field/robots", "Points2D:positions")
     assert 1000 <= len(frames) <= 3001
