@@ -27,7 +27,7 @@ from formnet.lab.runs.exits import BROKEN
 from formnet.lab.runs.files import as_text
 from formnet.lab.runs.recording import SCENARIO
 from formnet.lab.scene.scene import Scene
-from formnet.lab.scene.writer import FILE, Came, Lyapunov, Reader
+from formnet.lab.scene.writer import FILE, PATIENCE_S, Came, Lyapunov, Reader
 
 _FRAMES = 300
 _SECONDS = 2.0
@@ -147,6 +147,9 @@ def write(folder: Path, source: int) -> None:
                     case Lyapunov():
                         lyapunov = found
         file.refresh()
+    end = threading.Timer(PATIENCE_S, os._exit, (BROKEN,))  # also if the launcher is gone
+    end.daemon = True
+    end.start()
     file.close(lyapunov)
 
 
@@ -162,7 +165,8 @@ def main() -> None:
         problem = errno.EIO, str(error)
     else:
         return
-    print(json.dumps(problem))
+    with suppress(OSError):  # the launcher is gone
+        os.write(sys.stdout.fileno(), json.dumps(problem).encode())
     sys.exit(BROKEN)
 
 

@@ -132,7 +132,9 @@ def of_the_paper(tmp_path_factory):
         ("leader_follower", CONFIGS / "faults" / "leader-follower.toml"),
     ):
         found[kind] = tmp_path_factory.mktemp("paper") / kind
-        formnet("run", file, "--inline", "--out", found[kind], "--set", "duration_s=0.2")
+        formnet(
+            "run", file, "--inline", "--no-scene", "--out", found[kind], "--set", "duration_s=0.2"
+        )
     return found
 
 

@@ -41,7 +41,14 @@ PAPER = CONFIGS / "paper"
 def run(out, *overrides):
     sets = [part for text in overrides for part in ("--set", text)]
     return formnet(
-        "run", PAPER / "section5-delay.toml", "--inline", "--no-figures", "--out", out, *sets
+        "run",
+        PAPER / "section5-delay.toml",
+        "--inline",
+        "--no-figures",
+        "--no-scene",
+        "--out",
+        out,
+        *sets,
     )
 
 

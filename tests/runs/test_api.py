@@ -24,7 +24,9 @@ def delayed():
 def test_the_whole_of_section_5_has_the_bits_of_the_command_line(delayed, tmp_path):
     out = tmp_path / "run"
     sets = ("--set", "duration_s=0.5", "--set", "network.default.delay.mean_s=0.02")
-    command_line("run", "section5-delay", "--inline", "--no-figures", "--out", out, *sets)
+    command_line(
+        "run", "section5-delay", "--inline", "--no-figures", "--no-scene", "--out", out, *sets
+    )
     written = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
     assert delayed.verdict.trajectory_sha256 == written["trajectory_sha256"]
     own = json.loads(delayed.verdict.model_dump_json())

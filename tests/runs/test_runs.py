@@ -350,11 +350,11 @@ def test_compiled_and_interpreted_runs_are_bit_identical(start, root, tmp_path):
     assert hashes[0] == hashes[1]
 
 
-def test_a_run_is_seven_processes_and_leaves_none(start):
-    run = start("seven", "duration_s=2.0")
+def test_a_run_is_eight_processes_and_leaves_none(start):
+    run = start("eight", "duration_s=2.0")
     run.until_event("started")
     children = run.children()
-    assert len(children) == 6
+    assert len(children) == 7
     run.wait()
     assert not [child for child in children if child.is_running()]
 
@@ -381,7 +381,7 @@ def test_killed_launcher_leaves_no_process_behind(start):
     run = start("orphans")
     run.until_event("started")
     children = run.children()
-    assert len(children) == 6
+    assert len(children) == 7
     run.process.kill()
     assert until(lambda: not any(c.is_running() for c in children), "the end", timeout=10) < 5.0
 
@@ -429,7 +429,7 @@ def test_a_stopped_robot_is_named_and_the_run_goes_on_when_it_does(start, when):
     reference.wait()
     run = start("waiting", "duration_s=0.5")
     if when == "joining":
-        until(lambda: len(run.children()) == 6, "the children", run.output)
+        until(lambda: len(run.children()) == 7, "the children", run.output)
     else:
         run.until_event("started")
     robot = run.child("agent", "--robot", "3")

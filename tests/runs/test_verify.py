@@ -24,7 +24,15 @@ def recorded(tmp_path_factory):
     """A short run of Section 5 in one process."""
     out = tmp_path_factory.mktemp("verify") / "run"
     sets = [part for text in SHORT for part in ("--set", text)]
-    formnet("run", CONFIGS / "paper" / "section5-delay.toml", "--inline", "--out", out, *sets)
+    formnet(
+        "run",
+        CONFIGS / "paper" / "section5-delay.toml",
+        "--inline",
+        "--no-scene",
+        "--out",
+        out,
+        *sets,
+    )
     return out
 
 

@@ -46,7 +46,7 @@ SHORT = (
 
 def run(out, *overrides):
     sets = [part for text in overrides for part in ("--set", text)]
-    return formnet("run", SECTION5, "--inline", "--out", out, *sets)
+    return formnet("run", SECTION5, "--inline", "--no-scene", "--out", out, *sets)
 
 
 @pytest.fixture(scope="module")
@@ -278,7 +278,15 @@ def test_a_run_that_shall_not_draw_does_not(tmp_path):
     out = tmp_path / "run"
     assert (
         formnet(
-            "run", SECTION5, "--inline", "--no-figures", "--out", out, "--set", "duration_s=0.4"
+            "run",
+            SECTION5,
+            "--inline",
+            "--no-figures",
+            "--no-scene",
+            "--out",
+            out,
+            "--set",
+            "duration_s=0.4",
         )[0]
         == 1
     )
@@ -306,6 +314,7 @@ def test_a_run_that_diverged_says_where_why_and_what_had_been_feared(tmp_path):
         "run",
         SECTION5,
         "--inline",
+        "--no-scene",
         "--out",
         out,
         "--set",

@@ -119,6 +119,7 @@ def test_compare_of_four_runs_writes_a_row_each(tmp_path):
                 str(CONFIGS / "paper" / "section5-delay.toml"),
                 "--inline",
                 "--no-figures",
+                "--no-scene",
                 "--out",
                 folders[-1],
                 "--set",

@@ -260,8 +260,14 @@ def test_a_run_that_is_killed_leaves_a_file_that_can_be_read(tmp_path):
             return False
 
     until(a_piece_is_there)
+    (writer,) = (
+        child
+        for child in psutil.Process(run.pid).children()
+        if "formnet.lab.scene.rrd" in child.cmdline()
+    )
     run.kill()
     run.wait()
+    writer.wait(PATIENCE_S)  # it writes what it has got, and ends
     assert frames() > 10
     cut, whole = tmp_path / "cut.rrd", tmp_path / "whole.rrd"
     cut.write_bytes(file.read_bytes()[:-1234])  # in the middle of a write
