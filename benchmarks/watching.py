@@ -68,7 +68,7 @@ def _recorded(scenario: Scenario, place: Path) -> float:
     files.write_new(place / SCENARIO, dumps(scenario))
     file = SceneWriter(place)
     found = formnet_run.tick_ms(scenario, place, also=file.take)
-    file.close(None)
+    file.close()
     return found
 
 

@@ -130,22 +130,26 @@ class SceneWriter:
         self._child.wait()
         self._remove()
 
-    def close(self, found: Curve | None) -> None:
-        """Have the rest written, and V; wait for it.
+    def end(self, found: Curve | None) -> None:
+        """Nothing more comes but V; the rest is written meanwhile."""
+        if found is not None:
+            self._queue.put(Lyapunov(found.t_s, found.v))
+        self._queue.put(None)
+
+    def close(self) -> None:
+        """Wait until all that came is written.
 
         Raises:
             OSError: the file could not be written, and is away.
         """
-        if found is not None:
-            self._queue.put(Lyapunov(found.t_s, found.v))
         self.leave()
         if self._problem is not None:
             self._remove()
             raise self._problem
 
     def leave(self) -> None:
-        """Nothing more comes: wait until what came is written."""
-        self._queue.put(None)
+        """Wait until what came is written, or cannot be."""
+        self.end(None)
         while self._sender.is_alive():
             before = self._sent
             self._sender.join(PATIENCE_S)

@@ -143,6 +143,8 @@ def _conclude(
     What was recorded and its verdict come first, what shows them after that.
     """
     problems = recording.save()
+    if scene is not None:
+        scene.end(lyapunov.curve(recording))
     judged = judge(recording, **how)
     unjudged = files.attempt(lambda: verdict_files.save(judged, recording.folder))
     if problems or unjudged:  # the scene may have filled the disk
@@ -157,7 +159,7 @@ def _conclude(
     page.print(claims_table(judged, recording.scenario))
     summarise(page, recording.scenario, judged)
     if scene is not None:
-        problems += files.attempt(partial(scene.close, lyapunov.curve(recording)))
+        problems += files.attempt(scene.close)
     if drawn and outcome.kind != "interrupted":  # who interrupts does not want to wait for figures
         with console.status("drawing figures"):
             from formnet.lab.figures import run_figures as figures

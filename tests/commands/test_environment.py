@@ -202,7 +202,7 @@ def test_a_scene_that_finds_no_room_is_away_and_says_so(place, paper):
     ]
     scene.take(Samples(rows))
     with pytest.raises(OSError, match="No space left on device"):
-        scene.close(None)
+        scene.close()
     assert [file.name for file in place.folder.iterdir()] == [SCENARIO]
 
 

@@ -100,7 +100,8 @@ def test_the_file_has_every_frame_and_v(folder):
     scene.take(samples(range(100)))
     scene.take(samples(range(100, 201)))
     instants = np.arange(5.0)
-    scene.close(Curve(instants, 10.0**-instants, instants, instants > 0.0))
+    scene.end(Curve(instants, 10.0**-instants, instants, instants > 0.0))
+    scene.close()
     scene.leave()  # once more does nothing
     rows = {"/field/robots": 0, "/lyapunov/v": 0}
     for chunk in RrdReader(str(folder / FILE)).stream():
@@ -131,7 +132,7 @@ def test_a_process_that_dies_or_hangs_costs_the_file_alone(folder, monkeypatch, 
     for start in range(0, 40_000, 100):  # more than a pipe holds
         scene.take(samples(range(start, start + 100)))
     with pytest.raises(OSError, match=words) as raised:
-        scene.close(None)
+        scene.close()
     assert raised.value.filename == str(folder / FILE)
     assert not (folder / FILE).exists()
     assert made[0].returncode == -signal.SIGKILL
@@ -145,7 +146,7 @@ def test_room_is_made_at_once(folder):
     assert not (folder / FILE).exists()
     scene.take(samples(range(100, 200)))
     with pytest.raises(OSError, match="No space left on device") as raised:
-        scene.close(None)
+        scene.close()
     assert raised.value.errno == errno.ENOSPC
 
 
@@ -153,7 +154,7 @@ def test_room_is_made_at_once(folder):
 def test_a_scenario_that_is_none_any_more_is_told(folder):
     (folder / SCENARIO).write_text("name = 7")
     with pytest.raises(OSError, match=f"{SCENARIO}: "):
-        SceneWriter(folder).close(None)
+        SceneWriter(folder).close()
     assert not (folder / FILE).exists()
 
 
@@ -167,5 +168,5 @@ def test_a_signal_that_ends_programs_does_not_end_it(folder, monkeypatch):
     while (folder / FILE).stat().st_size == 0:  # it has begun
         assert made[0].poll() is None
     made[0].send_signal(signal.SIGTERM)
-    scene.close(None)
+    scene.close()
     assert (folder / FILE).exists()
