@@ -30,6 +30,8 @@ from formnet.lab.judge.lyapunov import Curve
 FILE = "run.rrd"
 PATIENCE_S = 30.0
 """A process that takes and ends nothing for so long hangs."""
+_EVERY_S = 0.2
+"""How often records are passed on: to wake two threads for each would slow the run down."""
 
 
 class Came(NamedTuple):
@@ -108,7 +110,8 @@ class SceneWriter:
         self._file = folder / FILE
         self._file.open("xb").close()
         self._problem: OSError | None = None
-        self._queue: queue.SimpleQueue[Came | Lyapunov | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Came | Lyapunov] = queue.SimpleQueue()
+        self._over = threading.Event()
         self._sent = 0
         self._child = subprocess.Popen(
             [sys.executable, "-m", "formnet.lab.scene.rrd", str(folder)],
@@ -134,7 +137,7 @@ class SceneWriter:
         """Nothing more comes but V; the rest is written meanwhile."""
         if found is not None:
             self._queue.put(Lyapunov(found.t_s, found.v))
-        self._queue.put(None)
+        self._over.set()
 
     def close(self) -> None:
         """Wait until all that came is written.
@@ -192,9 +195,12 @@ class SceneWriter:
     def _send(self) -> None:
         """Pass on what comes, until it ends or nobody takes it any more."""
         assert self._child.stdin is not None
+        over = False
         with suppress(OSError), self._child.stdin as stream:
-            while (item := self._queue.get()) is not None:
-                stream.write(packed(item))
-                if self._queue.empty():
-                    stream.flush()
-                self._sent += 1
+            while not over:
+                over = self._over.wait(_EVERY_S)
+                with suppress(queue.Empty):
+                    while True:
+                        stream.write(packed(self._queue.get_nowait()))
+                        self._sent += 1
+                stream.flush()
