@@ -38,6 +38,7 @@ HOT = [
     "formnet/netem/delays/delay.py",
     "formnet/netem/delays/distributions.py",
     "formnet/netem/core/link.py",
+    "formnet/netem/core/statistics.py",
     "formnet/netem/core/transit.py",
     "formnet/netem/impairments/loss.py",
     "formnet/netem/impairments/markov.py",
