@@ -1,10 +1,8 @@
 """What all tests share: the paper's scenarios, and random tests that repeat."""
 
-import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 from guard import Guard
@@ -36,13 +34,6 @@ def pytest_configure(config: pytest.Config) -> None:
     guard = Guard()
     guard.install()
     config.pluginmanager.register(guard, "guard")
-
-
-def missing(package: str) -> NoReturn:
-    """Skip the test for want of a system package; in CI, which installs it first, fail."""
-    if "FORMNET_CI" in os.environ:
-        pytest.fail(f"CI did not install {package}")
-    pytest.skip(f"needs {package}")
 
 
 @pytest.fixture(scope="session")

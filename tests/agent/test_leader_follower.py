@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from in_process import collected
 
 from formnet.agent.law import accepts
 from formnet.agent.leader_follower import LeaderFollowerLaw
@@ -14,8 +15,6 @@ from formnet.formation.briefing.situation import BodyEstimate, Situation
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.loading import ScenarioError, load
 from formnet.formation.wire.state import Stamped, State
-from formnet.lab.launch.inline import Inline
-from formnet.lab.runs.recording import Collected
 from formnet.lab.verdict.model import judge
 from formnet.plant.body import steered
 
@@ -155,8 +154,7 @@ def test_a_scenario_with_a_bad_tree_says_so(root):
 def test_it_fails_with_its_leaders_and_not_with_a_leaf(root, robot, at_s, holds):
     """Remark 9: without its leader a follower has nothing to go by; robots 2 and 3 lead nobody."""
     plan = [] if robot is None else [f'timeline=[{{at_s={at_s}, action="kill", robots={robot}}}]']
-    recording = Collected(scenario(root, *plan))
-    Inline().run(resolve(recording.scenario), recording)
+    recording = collected(scenario(root, *plan))
     judged = judge(recording, mode="inline", wall_s=1.0)
     assert judged.outcome.kind == "completed"
     assert judged.claims["formation"].observed is holds

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from conftest import missing
+from in_process import collected
+from processes import missing
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
@@ -469,17 +470,15 @@ def test_default_names_do_not_collide_within_a_second(tmp_path):
 def test_a_plant_runs_what_it_was_told_not_what_lies_on_the_disk(tmp_path, paper):
     """The folder's scenario is changed as soon as it is there; the run is of the one resolved."""
     from formnet.lab.launch.distributed import Distributed
-    from formnet.lab.launch.inline import Inline
-    from formnet.lab.runs.recording import Collected, Recording, trajectory_sha256
+    from formnet.lab.runs.recording import Recording, trajectory_sha256
 
     scenario = paper("section5", "duration_s=0.3")
     recording = Recording(tmp_path / "run", scenario)
     (tmp_path / "run" / "scenario.toml").write_text("this is no scenario")
     outcome = Distributed().run(resolve(scenario), recording)
     assert outcome.kind == "completed", outcome
-    oracle = Collected(scenario)
-    Inline().run(resolve(scenario), oracle)
-    assert trajectory_sha256(recording.samples) == trajectory_sha256(oracle.samples)
+    oracle = collected(scenario).samples
+    assert trajectory_sha256(recording.samples) == trajectory_sha256(oracle)
 
 
 def test_an_out_that_exists_is_refused_before_the_law_is_tried(tmp_path):

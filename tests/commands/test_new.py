@@ -10,14 +10,12 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_process import collected
 
-from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.graph import laplacian
 from formnet.formation.scenario.loading import load, loads
 from formnet.lab.cli import main
 from formnet.lab.forecast.stiffness import warnings
-from formnet.lab.launch.inline import Inline
-from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.new import (
     PATTERNS,
     SLOWEST_PER_S,
@@ -87,9 +85,7 @@ RUNS = [
     "wish", RUNS, ids=lambda wish: f"{wish.pattern}-{wish.graph}-{wish.network}"
 )
 def test_a_run_holds_what_it_claims(wish):
-    collected = Collected(loads(scenario_text(wish)))
-    Inline().run(resolve(collected.scenario), collected)
-    judged = judge(collected, mode="inline", wall_s=1.0)
+    judged = judge(collected(loads(scenario_text(wish))), mode="inline", wall_s=1.0)
     assert [judged.claims[claim].holds for claim in ("formation", "heading", "centroid")] == [
         True
     ] * 3

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from command_line import formnet
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
+from in_process import formnet
+from processes import until
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.events import Refused, Rejected
@@ -73,13 +74,6 @@ def client(hub, folder, name):
     return bus.session(
         connect=hub.endpoint, credentials=Credentials(folder, name), patience_s=PATIENCE_S
     )
-
-
-def until(condition):
-    deadline = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 @contextmanager

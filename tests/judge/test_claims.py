@@ -8,7 +8,7 @@ import time
 
 import networkx as nx
 import pytest
-from command_line import formnet
+from in_process import collected, formnet
 from matplotlib.figure import Figure
 from verdicts import made
 
@@ -20,8 +20,6 @@ from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, Result, Row
-from formnet.lab.launch.inline import Inline
-from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
 from formnet.lab.work import claims as command
@@ -258,9 +256,7 @@ def test_remark_9_s_figure_shows_both_laws_from_the_kill_on():
     for name in COMPARED:
         case = next(c for c in CLAIMS["leader-follower"].cases if c.name == name)
         overrides = [text.replace("at_s=30", "at_s=0.3") for text in case.all_overrides]
-        run = Collected(load(CONFIGS / case.scenario, [*overrides, "duration_s=0.6"]))
-        Inline().run(resolve(run.scenario), run)
-        runs.append(run)
+        runs.append(collected(load(CONFIGS / case.scenario, [*overrides, "duration_s=0.6"])))
     assert [run.scenario.law.kind for run in runs] == ["cooperative", "leader_follower"]
     assert [[(e.t_ns, e.details) for e in run.events if e.name == "kill"] for run in runs] == [
         [(300_000_000, {"robots": [4]})]

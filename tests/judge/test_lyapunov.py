@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
+from in_process import collected
 
 from formnet.agent.law import make
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.briefing.situation import parameters
 from formnet.formation.scenario.loading import load
-from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.state import Stamped, State
 from formnet.lab.figures import run_figures as figures
 from formnet.lab.judge import lyapunov
 from formnet.lab.judge.rises import Rise, rises
-from formnet.lab.launch.inline import Inline
 from formnet.lab.runs.recording import Collected
 from formnet.lab.verdict.model import judge
 
@@ -22,12 +21,6 @@ EXACT = (
     "robot_defaults.mass_estimate_kg=1.0",
     "robot_defaults.inertia_estimate_kgm2=1.0",
 )
-
-
-def ran(scenario: Scenario) -> Collected:
-    recording = Collected(scenario)
-    Inline().run(resolve(scenario), recording)
-    return recording
 
 
 def found_in(recording: Collected) -> tuple[lyapunov.Curve, list[Rise]]:
@@ -134,7 +127,7 @@ def test_v_and_its_rate_are_those_of_the_proofs(paper, name, delay_s):
         "clock.control_period_s=0.0005",
         "clock.broadcast_period_s=0.0005",
     )
-    recording = ran(scenario)
+    recording = collected(scenario)
     curve, rises = found_in(recording)
     assert rises == []
     oracle = Oracle(recording, round(delay_s / 0.0005))
@@ -151,7 +144,7 @@ def test_v_and_its_rate_are_those_of_the_proofs(paper, name, delay_s):
 @pytest.mark.parametrize("name", ["theorem1", "theorem2", "theorem5"])
 def test_kinematic_v_never_rises(paper, name):
     scenario = paper(name, COMPENSATED, "duration_s=15", "expect.lyapunov=true")
-    judged = judge(ran(scenario), mode="inline", wall_s=1.0)
+    judged = judge(collected(scenario), mode="inline", wall_s=1.0)
     assert judged.lyapunov.may_rise_by == []
     assert judged.lyapunov.rises == []
     assert judged.claims["lyapunov"].holds is True
@@ -163,7 +156,7 @@ def test_kinematic_v_never_rises(paper, name):
 )
 def test_dynamic_v_never_rises(paper, name, equation):
     scenario = paper(name, *EXACT, "duration_s=15", "expect.lyapunov=true")
-    judged = judge(ran(scenario), mode="inline", wall_s=1.0)
+    judged = judge(collected(scenario), mode="inline", wall_s=1.0)
     assert judged.lyapunov.equation == equation
     assert judged.lyapunov.may_rise_by == []
     assert judged.lyapunov.rises == []
@@ -174,15 +167,17 @@ def test_dynamic_v_never_rises(paper, name, equation):
 @pytest.mark.parametrize("delay_s", [0.007, 0.05, 0.3, 1.0])
 def test_no_constant_delay_makes_it_rise(paper, delay_s):
     name = f"network.default.delay.mean_s={delay_s}"
-    _, rises = found_in(ran(paper("section5-delay", *EXACT, name, "duration_s=15")))
+    _, rises = found_in(collected(paper("section5-delay", *EXACT, name, "duration_s=15")))
     assert rises == []
 
 
 def test_fixed_playout_makes_random_delay_constant(paper):
     noisy = 'network.default.delay={distribution="uniform",low_s=0.02,high_s=0.18}'
     fixed = ("network.default.playout_s=0.2",)
-    _, latest = found_in(ran(paper("section5-delay", *EXACT, noisy, "duration_s=10")))
-    _, constant = found_in(ran(paper("section5-delay", *EXACT, noisy, *fixed, "duration_s=10")))
+    _, latest = found_in(collected(paper("section5-delay", *EXACT, noisy, "duration_s=10")))
+    _, constant = found_in(
+        collected(paper("section5-delay", *EXACT, noisy, *fixed, "duration_s=10"))
+    )
     assert latest
     assert all(rise.causes == ["variable delay"] for rise in latest)
     assert constant == []
@@ -206,7 +201,7 @@ def test_fixed_playout_makes_random_delay_constant(paper):
     ],
 )
 def test_a_standing_cause_is_named(paper, overrides, cause):
-    _, rises = found_in(ran(paper("theorem4", *EXACT, *overrides, "duration_s=6")))
+    _, rises = found_in(collected(paper("theorem4", *EXACT, *overrides, "duration_s=6")))
     assert rises
     assert all(rise.causes == [cause] for rise in rises)
 
@@ -214,22 +209,22 @@ def test_a_standing_cause_is_named(paper, overrides, cause):
 def test_the_printed_cross_term_can_make_it_rise(paper):
     """Theorem 3's μ = 0 leaves nothing that outweighs w1 z2 z3 once the robots agree."""
     scenario = paper("theorem1", "law.beta=0.2", "duration_s=30")
-    _, rises = found_in(ran(scenario))
+    _, rises = found_in(collected(scenario))
     assert rises
     assert "the term w1 z2 z3 that the proofs drop (law.cross_term)" in rises[0].causes
-    _, none = found_in(ran(paper("theorem1", "law.beta=0.2", "duration_s=30", COMPENSATED)))
+    _, none = found_in(collected(paper("theorem1", "law.beta=0.2", "duration_s=30", COMPENSATED)))
     assert none == []
 
 
 def test_faults_and_losses_are_named(paper):
     killed = 'timeline=[{at_s=3.0, action="kill", robots=2, restart_after_s=3.0}]'
-    _, rises = found_in(ran(paper("section5-delay", *EXACT, killed, "duration_s=12")))
+    _, rises = found_in(collected(paper("section5-delay", *EXACT, killed, "duration_s=12")))
     assert [(rise.causes, rise.begin_s) for rise in rises] == [
         (["kill 2 at 3 s"], pytest.approx(2.99)),
         (["restart 2 at 6 s"], pytest.approx(5.99, abs=0.02)),
     ]
     cut = 'timeline=[{at_s=3.0, action="cut", links=[[1, 2]], heal_after_s=3.0}]'
-    _, rises = found_in(ran(paper("section5-delay", *EXACT, cut, "duration_s=12")))
+    _, rises = found_in(collected(paper("section5-delay", *EXACT, cut, "duration_s=12")))
     assert rises
     assert all(3.0 <= rise.begin_s <= 7.0 for rise in rises)
     assert all(any("cut" in cause or "loss" in cause for cause in rise.causes) for rise in rises)
@@ -237,7 +232,7 @@ def test_faults_and_losses_are_named(paper):
 
 def test_a_rise_fails_the_claim_and_is_drawn(paper, tmp_path):
     killed = 'timeline=[{at_s=1.0, action="kill", robots=2}]'
-    recording = ran(
+    recording = collected(
         paper("section5-delay", *EXACT, killed, "duration_s=3", "expect={lyapunov=true}")
     )
     judged = judge(recording, mode="inline", wall_s=1.0)
@@ -253,7 +248,7 @@ def test_without_the_paper_s_law_or_samples_there_is_no_v(paper):
     assert lyapunov.curve(Collected(paper("theorem4"))) is None
     nobody = Collected(paper("theorem4"))
     judged_law = nobody.scenario.law.model_copy(update={"kind": "another"})
-    other = ran(paper("theorem4", "duration_s=0.1"))
+    other = collected(paper("theorem4", "duration_s=0.1"))
     other.scenario = other.scenario.model_copy(update={"law": judged_law})
     assert lyapunov.curve(other) is None
 
@@ -261,7 +256,7 @@ def test_without_the_paper_s_law_or_samples_there_is_no_v(paper):
 def test_no_budget_of_what_follows_hides_what_a_fault_does(root):
     """Robots that come back bring their share of V, and their sampling begins only then."""
     file = root / "configs" / "faults" / "every-fault.toml"
-    recording = ran(load(file, ["duration_s=8.5", COMPENSATED]))
+    recording = collected(load(file, ["duration_s=8.5", COMPENSATED]))
     curve, rises = found_in(recording)
     causes = {cause for rise in rises for cause in rise.causes}
     assert {"restart 1, 4 at 5 s", "restart 1 at 7 s", "restart 1, 2, 3, 4, 5 at 8.25 s"} <= causes

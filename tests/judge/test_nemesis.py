@@ -6,15 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command_line import formnet
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_process import collected, formnet
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.events import Kill, Lost, Resume
 from formnet.formation.scenario.loading import load
 from formnet.lab.launch import inline
-from formnet.lab.launch.inline import Inline
 from formnet.lab.nemesis.consistency import inconsistencies
 from formnet.lab.nemesis.schedule import draw, scheduled
 from formnet.lab.nemesis.shrink import shrunk
@@ -91,9 +90,7 @@ def record(root):
             '{action="pause", at_s=0.6, robots=1, resume_after_s=0.1}]',
         ],
     )
-    found = Collected(scenario)
-    Inline().run(resolve(scenario), found)
-    return found
+    return collected(scenario)
 
 
 def tampered(record):

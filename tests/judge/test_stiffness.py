@@ -8,16 +8,14 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import collected
 
 from formnet.agent.law import Command
-from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import assess
 from formnet.formation.scenario.loading import load, loads
 from formnet.lab.cli import main
 from formnet.lab.forecast import stiffness
 from formnet.lab.forecast.stiffness import LIMIT, Look, course, longest_period_s, warnings
-from formnet.lab.launch.inline import Inline
-from formnet.lab.runs.recording import Collected
 from formnet.lab.scenarios.new import Wish, scenario_text
 
 COMPLETE = "formation.edges=[[1,2],[1,3],[1,4],[1,5],[2,3],[2,4],[2,5],[3,4],[3,5],[4,5]]"
@@ -57,10 +55,10 @@ def sampled(root, family, factor):
 
 def breaks(scenario):
     """Whether the run diverges, or robots still whirl at its end (in the pattern: 0.5 rad/s)."""
-    collected = Collected(scenario)
-    if Inline().run(resolve(scenario), collected).kind == "diverged":
+    run = collected(scenario)
+    if run.outcome.kind == "diverged":
         return True
-    return bool(abs(collected.latest().states[..., 4]).max() > 20.0)
+    return bool(abs(run.latest().states[..., 4]).max() > 20.0)
 
 
 def too_long(scenario):
@@ -144,11 +142,11 @@ def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
         advice,
     ).groups()
     assert float(steep) == pytest.approx(math.exp(0.1 * 25.0), rel=0.1)
-    assert Inline().run(resolve(fleet()), Collected(fleet())).kind == "diverged"
+    assert collected(fleet()).outcome.kind == "diverged"
     for change in (f"clock.control_period_s={period}", f"law.gamma={gamma}"):
         mended = fleet(change)
         assert not [warning for warning in warnings(mended) if "too long" in warning]
-        assert Inline().run(resolve(mended), Collected(mended)).kind == "completed"
+        assert collected(mended).outcome.kind == "completed"
     assert not [warning for warning in warnings(fleet("timeline=[]")) if "too long" in warning]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import zenoh
 from click.testing import CliRunner
+from processes import until
 from scipy import stats
 
 from formnet.lab.cli import main
@@ -235,12 +236,6 @@ class Ends:
         stack.callback(self.bridge.close, drain=False)
         self.left, self.right = (stack.enter_context(application(end)) for end in (here, there))
 
-    def until(self, condition, what):
-        deadline = time.monotonic() + TIMEOUT_S
-        while not condition():
-            assert time.monotonic() < deadline, f"{what} did not come"
-            threading.Event().wait(0.01)
-
     def subscribed(self, app, publisher, key):
         """A list that fills with what ``app`` receives; the way is proven."""
         got = []
@@ -250,7 +245,7 @@ class Ends:
             publisher.put("robot/probe", b"")
             return any(str(sample.key_expr) == "robot/probe" for sample in got)
 
-        self.until(heard, "a probe")
+        until(heard, "a probe")
         return got
 
 
@@ -289,7 +284,7 @@ def test_publications_pass_both_ways_with_everything_they_carry(join):
             express=True,
         )
         source.delete("robot/a", attachment=b"gone")
-        ends.until(lambda got=got: len(about(got, "robot/a")) == 2, "two samples")
+        until(lambda got=got: len(about(got, "robot/a")) == 2, "two samples")
         put, deleted = about(got, "robot/a")
         assert (put.payload.to_bytes(), str(put.encoding)) == (b"\0\xff", "image/png")
         assert put.attachment.to_bytes() == b"note"
@@ -319,7 +314,7 @@ def test_queries_pass_with_their_replies(join):
         replies[:] = list(ends.left.get("robot/*", payload=b"?", timeout=TIMEOUT_S))
         return replies
 
-    ends.until(answered, "an answer")
+    until(answered, "an answer")
     first, second = sorted((r.ok for r in replies), key=lambda sample: str(sample.key_expr))
     assert (first.payload.to_bytes(), first.attachment.to_bytes()) == (b"1 ?", b"note")
     assert (str(second.key_expr), second.kind) == ("robot/y", zenoh.SampleKind.DELETE)
@@ -342,7 +337,7 @@ def test_a_query_that_is_lost_ends_without_reply(join):
         assert list(ends.left.get("robot/*", timeout=TIMEOUT_S)) == []
         return ends.bridge.statistics()[1]["lost"].get("random", 0) > 0
 
-    ends.until(lost, "a lost query")
+    until(lost, "a lost query")
     assert asked == []
     assert time.monotonic() - start < TIMEOUT_S  # it ended, not only its patience
 
@@ -352,10 +347,10 @@ def test_a_reply_that_comes_after_the_end_is_counted_and_breaks_nothing(join):
     ends = join('[network.default.delay]\ndistribution = "constant"\nmean_s = 0.3')
     ends.right.declare_queryable("robot/x", lambda query: query.reply("robot/x", b"late"))
     replies = ends.left.get("robot/x", timeout=TIMEOUT_S)
-    ends.until(lambda: ends.bridge.statistics()[0]["in_flight"], "the query")
+    until(lambda: ends.bridge.statistics()[0]["in_flight"], "the query")
     ends.bridge.close()
     assert list(replies) == []
-    ends.until(lambda: ends.bridge.failures == 1, "the reply")
+    until(lambda: ends.bridge.failures == 1, "the reply")
 
 
 @contextmanager
@@ -392,12 +387,12 @@ def test_control_shows_and_changes_links_in_use(join):
         assert forward["rate"]["overhead_bytes"] == 7
         start = time.monotonic()
         ends.left.put("robot/late", b"")
-        ends.until(lambda: about(got, "robot/late"), "the delayed message")
+        until(lambda: about(got, "robot/late"), "the delayed message")
         assert time.monotonic() - start >= 0.2
         call("/cut", {"direction": "forward", "in_flight": "lost"})
         assert call("/network")[1][0]["cut"] is True
         ends.left.put("robot/cut", b"")
-        ends.until(lambda: call("/statistics")[1][0]["lost"].get("cut"), "a loss by the cut")
+        until(lambda: call("/statistics")[1][0]["lost"].get("cut"), "a loss by the cut")
         call("/heal", {})
         assert call("/network")[1][0]["cut"] is False
         assert about(got, "robot/cut") == []

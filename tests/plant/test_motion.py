@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command_line import formnet
+from in_process import collected, formnet
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records import events
@@ -73,12 +73,6 @@ def change_verdict(folder, change):
 
 
 # --- that every run tells them -------------------------------------------------------------
-
-
-def collected(scenario, **how):
-    found = Collected(scenario)
-    Inline().run(resolve(scenario), found, **how)
-    return found
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import formnet as command_line
+from in_process import formnet as command_line
 
 import formnet
 from formnet.formation.records.events import Kill, Network

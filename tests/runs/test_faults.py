@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from in_process import collected
 from scipy.integrate import solve_ivp
 
 from formnet.formation.briefing.resolving import resolve
@@ -23,8 +24,7 @@ from formnet.formation.plan.roster import Roster, Span
 from formnet.formation.scenario.loading import ScenarioError, load, loads
 from formnet.formation.wire.messages import Drive
 from formnet.formation.wire.state import State
-from formnet.lab.launch.inline import Inline
-from formnet.lab.runs.recording import Collected, trajectory_sha256
+from formnet.lab.runs.recording import trajectory_sha256
 from formnet.netem import IN_FLIGHT
 from formnet.netem.core.transit import LOST_DOWN
 from formnet.netem.settings.timeline import NEVER
@@ -32,13 +32,6 @@ from formnet.plant.body import braked
 from formnet.plant.world import World
 
 MS = 1_000_000
-
-
-def collected(scenario):
-    """What an inline run of ``scenario`` reports."""
-    found = Collected(scenario)
-    Inline().run(resolve(scenario), found)
-    return found
 
 
 def kill(at_s, robots, restart_after_s=None):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from conftest import missing
+from processes import missing
 
 from formnet.lab.cli import main
 from formnet.lab.runs import files

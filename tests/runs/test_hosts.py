@@ -13,7 +13,7 @@ from pathlib import Path
 import asyncssh
 import pytest
 from base_install import base, built, copied
-from conftest import missing
+from processes import missing
 
 from formnet.formation.scenario.hosts import HostsError, load_hosts
 from formnet.formation.scenario.loading import ScenarioError, load

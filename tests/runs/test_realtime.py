@@ -1,6 +1,5 @@
 """Real time: the clock's estimate, bodies between messages, robots that nobody waits for."""
 
-import json
 import math
 import os
 import random
@@ -8,15 +7,13 @@ import re
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
-import psutil
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import Run
 
 from formnet.agent.law import Command
 from formnet.agent.timed import MOST_AHEAD_NS, MOST_BEHIND_NS, TimedRobot
@@ -286,55 +283,25 @@ def test_a_neighbour_that_lies_is_refused_and_counted(source, message, now_ns, r
 # --- processes --------------------------------------------------------------------------------
 
 
-class Run:
-    """``formnet run configs/yard.toml`` in the background."""
-
-    def __init__(self, out: Path, *overrides: str) -> None:
-        self.out, self.log = out, out.with_suffix(".log")
-        sets = [part for text in overrides for part in ("--set", text)]
-        run = [sys.executable, "-m", "formnet", "run", "--no-figures"]
-        command = [*run, str(YARD), "--out", str(out), *sets]
-        with self.log.open("wb") as log:
-            self.process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
-
-    def events(self) -> list[dict]:
-        path = self.out / "events.jsonl"
-        return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-    def verdict(self) -> dict:
-        return json.loads((self.out / "verdict.json").read_text())
-
-    def until_event(self, kind: str) -> None:
-        deadline = time.monotonic() + 60.0
-        while not any(event["event"] == kind for event in self.events()):
-            assert time.monotonic() < deadline, self.log.read_text()
-            time.sleep(0.02)
-
-    def child(self, robot: int) -> psutil.Process:
-        children = psutil.Process(self.process.pid).children()
-        living = [c for c in children if c.status() != psutil.STATUS_ZOMBIE]
-        return next(c for c in living if f"--robot {robot} " in " ".join(c.cmdline()))
-
-
 @pytest.fixture
 def start(tmp_path):
+    """Start runs of the yard; whatever is left of them afterwards is killed."""
     runs = []
 
     def starter(*overrides):
-        runs.append(Run(tmp_path / f"run{len(runs)}", *overrides))
+        sets = [part for text in overrides for part in ("--set", text)]
+        runs.append(Run(tmp_path / f"run{len(runs)}", YARD, *sets))
         return runs[-1]
 
     yield starter
     for run in runs:
-        if run.process.poll() is None:
-            run.process.send_signal(signal.SIGINT)
-            run.process.wait(30)
+        run.end()
 
 
 @pytest.mark.processes
 def test_a_run_in_real_time_takes_its_time_and_is_judged_like_any_other(start):
     run = start("duration_s=4.0", "law.beta=2.5", "clock.sync_bound_s=1e-6")
-    assert run.process.wait(60) == 1, run.log.read_text()  # too short for the claims
+    assert run.wait(60) == 1, run.output()  # too short for the claims
     judged, events = run.verdict(), run.events()
     assert judged["outcome"]["kind"] == "completed"
     assert 3.9 < judged["wall_s"] < 6.0
@@ -370,9 +337,9 @@ def test_robots_that_fail_in_real_time(start):
         '{action="pause", at_s=1.0, robots=3, resume_after_s=1.5}]',
     )
     run.until_event("restart")
-    run.child(5).send_signal(signal.SIGKILL)
-    run.child(1).send_signal(signal.SIGSTOP)
-    assert run.process.wait(60) == 1, run.log.read_text()
+    run.child("agent", "--robot", "5").send_signal(signal.SIGKILL)
+    run.child("agent", "--robot", "1").send_signal(signal.SIGSTOP)
+    assert run.wait(60) == 1, run.output()
     events = [(e["event"], e.get("robots", e.get("robot"))) for e in run.events()]
     for expected in [
         ("kill", [2]),
@@ -412,9 +379,9 @@ def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
         'timeline=[{action="pause", at_s=2.0, robots=3, resume_after_s=0.1}]',
     )
     run.until_event("resume")
-    run.child(1).send_signal(signal.SIGSTOP)
-    code = run.process.wait(60)
-    judged, said = run.verdict(), " ".join(run.log.read_text().split())
+    run.child("agent", "--robot", "1").send_signal(signal.SIGSTOP)
+    code = run.wait(60)
+    judged, said = run.verdict(), " ".join(run.output().split())
     assert "waiting at t = 4.000 s for robot 1 to hand in a last report" in said
     assert "silent at the end: robot 1: the fate of messages since the last report" in said
     if policy == "abort":
@@ -435,9 +402,9 @@ def test_a_robot_that_hangs_shortly_before_the_end_is_lost_too(start, policy):
 def test_a_plant_in_real_time_that_dies_ends_the_run(start):
     run = start("duration_s=20.0")
     run.until_event("started")
-    plant = next(c for c in psutil.Process(run.process.pid).children() if "plant" in c.cmdline())
+    plant = run.child("plant")
     os.kill(plant.pid, signal.SIGKILL)
-    assert run.process.wait(30) == 3
+    assert run.wait(30) == 3
     assert run.verdict()["outcome"]["kind"] == "broken"
 
 

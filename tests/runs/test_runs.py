@@ -1,6 +1,5 @@
 """What only processes can show: determinism across buses, deaths, signals, strangers on the bus."""
 
-import json
 import os
 import re
 import shutil
@@ -15,11 +14,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import psutil
 import pyarrow.parquet as pq
 import pytest
-from conftest import missing
 from plugin import install
+from processes import Run, missing, until
 
 from formnet.agent.law import Command
 from formnet.formation.briefing.resolving import resolve
@@ -33,6 +31,7 @@ from formnet.lab.launch.inline import Inline
 from formnet.lab.launch.launch import free_port
 from formnet.lab.runs import build
 from formnet.lab.runs.recording import Recording
+from formnet.lab.scenarios.packaged import CONFIGS
 
 pytestmark = pytest.mark.processes
 
@@ -45,72 +44,8 @@ RANDOM_NETWORK = (
 )
 
 
-class Run:
-    """A ``formnet run`` in the background."""
-
-    def __init__(self, root: Path, out: Path, *arguments: str, env: dict[str, str] | None = None):
-        self.out = out
-        self.log = out.with_suffix(".log")
-        with self.log.open("wb") as log:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "formnet",
-                    "run",
-                    "--no-figures",
-                    *arguments,
-                    "--out",
-                    str(out),
-                ],
-                cwd=root,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **(env or {})},
-            )
-
-    def wait(self, timeout: float = 90.0) -> int:
-        return self.process.wait(timeout)
-
-    def output(self) -> str:
-        return self.log.read_text(encoding="utf-8", errors="replace")
-
-    def verdict(self) -> dict:
-        return json.loads((self.out / "verdict.json").read_text(encoding="utf-8"))
-
-    def events(self) -> list[dict]:
-        path = self.out / "events.jsonl"
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        return [json.loads(line) for line in text.splitlines()]
-
-    def until_event(self, kind: str) -> None:
-        until(lambda: any(e["event"] == kind for e in self.events()), f"event {kind}", self.output)
-
-    def children(self) -> list[psutil.Process]:
-        return psutil.Process(self.process.pid).children(recursive=True)
-
-    def child(self, *words: str) -> psutil.Process:
-        (found,) = [c for c in self.children() if set(words) <= set(c.cmdline())]
-        return found
-
-
-def until(
-    condition: Callable[[], bool],
-    what: str,
-    context: Callable[[], str] = str,
-    timeout: float = 60.0,
-) -> float:
-    """Poll until ``condition`` holds; returns how long it took."""
-    start = time.monotonic()
-    while not condition():
-        if time.monotonic() - start > timeout:
-            pytest.fail(f"{what} did not come within {timeout} s\n{context()}")
-        time.sleep(0.02)
-    return time.monotonic() - start
-
-
 @pytest.fixture
-def start(root, tmp_path) -> Iterator[Callable[..., Run]]:
+def start(tmp_path) -> Iterator[Callable[..., Run]]:
     """Start runs; whatever is left of them afterwards is killed."""
     runs: list[Run] = []
 
@@ -119,17 +54,13 @@ def start(root, tmp_path) -> Iterator[Callable[..., Run]]:
     ) -> Run:
         overrides = [part for text in arguments if "=" in text for part in ("--set", text)]
         flags = [text for text in arguments if "=" not in text]
-        file = str(Path("configs", f"{scenario}.toml"))
-        runs.append(Run(root, tmp_path / name, file, *flags, *overrides, env=env))
+        file = CONFIGS / f"{scenario}.toml"
+        runs.append(Run(tmp_path / name, file, *flags, *overrides, **(env or {})))
         return runs[-1]
 
     yield starter
     for run in runs:
-        if run.process.poll() is None:
-            left = run.children()
-            run.process.kill()
-            for child in left:
-                child.kill()
+        run.end()
 
 
 @contextmanager
@@ -383,7 +314,7 @@ def test_killed_launcher_leaves_no_process_behind(start):
     children = run.children()
     assert len(children) == 7
     run.process.kill()
-    assert until(lambda: not any(c.is_running() for c in children), "the end", timeout=10) < 5.0
+    assert until(lambda: not any(c.is_running() for c in children), "the end", timeout_s=10) < 5.0
 
 
 def test_killed_launcher_takes_even_a_stopped_robot_along(start):
@@ -394,7 +325,7 @@ def test_killed_launcher_takes_even_a_stopped_robot_along(start):
     children = run.children()
     run.child("agent", "--robot", "2").suspend()
     run.process.kill()
-    assert until(lambda: not any(c.is_running() for c in children), "the end", timeout=10) < 5.0
+    assert until(lambda: not any(c.is_running() for c in children), "the end", timeout_s=10) < 5.0
 
 
 def test_killed_plant_ends_the_run(start):

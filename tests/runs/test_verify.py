@@ -7,7 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from command_line import formnet
+from in_process import formnet
 
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.rows import LinkRow, Sample

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from command_line import formnet
+from in_process import formnet
 from verdicts import made
 
 from formnet.formation.briefing.resolving import resolve

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 from click.testing import CliRunner
-from conftest import missing
 from playwright.sync_api import sync_playwright
+from processes import missing
 
 from formnet.lab.cli import main
 from formnet.lab.scenarios.packaged import CONFIGS
@@ -28,6 +28,7 @@ def runs(tmp_path_factory):
             "run",
             str(CONFIGS / "paper" / "section5-delay.toml"),
             "--inline",
+            "--no-scene",
             "--out",
             str(folder / "short"),
             "--set",

@@ -7,16 +7,15 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 import warnings
 
 import numpy as np
 import psutil
 import pytest
 import rerun as rr
-from command_line import formnet
-from conftest import missing
+from in_process import formnet
 from playwright.sync_api import sync_playwright
+from processes import missing, until
 from rerun.chunk import RrdReader
 
 from formnet.formation.briefing.resolving import resolve
@@ -40,13 +39,6 @@ HAPPENINGS = (
     'timeline=[{action="cut", at_s=0.5, links=[[1, 2]], heal_after_s=0.4}, '
     '{action="kill", at_s=1.0, robots=4, restart_after_s=0.5}]'
 )
-
-
-def until(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def columns(file, entity, component):

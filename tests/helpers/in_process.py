@@ -1,8 +1,11 @@
-"""``formnet`` in this process."""
+"""formnet in this process: its commands, and inline runs."""
 
 from click.testing import CliRunner
 
+from formnet.formation.briefing.resolving import resolve
 from formnet.lab.cli import main
+from formnet.lab.launch.inline import Inline
+from formnet.lab.runs.recording import Collected
 
 
 def formnet(*arguments: object) -> tuple[int, str]:
@@ -11,3 +14,10 @@ def formnet(*arguments: object) -> tuple[int, str]:
     assert result.exception is None or isinstance(result.exception, SystemExit), result.output
     assert "Traceback" not in result.output
     return result.exit_code, " ".join(result.output.split())
+
+
+def collected(scenario, **how):
+    """What an inline run of ``scenario`` records; ``how`` are the engine's arguments."""
+    found = Collected(scenario)
+    Inline().run(resolve(scenario), found, **how)
+    return found
