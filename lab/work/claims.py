@@ -49,7 +49,9 @@ def run_claims(
         return BAD_INPUT
     if unmatched:
         keys = ", ".join(claim.key for claim in claims)
-        console.print(f"[red]--only:[/] {escape(unmatched[0])} matches no claim ({keys})")
+        console.print(
+            f"[red]--only:[/] {escape(unmatched[0])} matches no claim ({keys})", soft_wrap=True
+        )
         return BAD_INPUT
     try:
         if into is not None:
@@ -84,7 +86,10 @@ def run_claims(
         console.print(f"[red]not written:[/] {escape(in_words(problem))}", soft_wrap=True)
     console.print(f"results are in {escape(str(folder))}", soft_wrap=True)
     if failed is not None:
-        console.print(f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}")
+        console.print(
+            f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}",
+            soft_wrap=True,
+        )
         return RUN_BROKE
     if len(done) < len(work):
         console.print(f"interrupted after {len(done)} of {len(work)} runs")

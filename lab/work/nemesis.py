@@ -94,7 +94,9 @@ def run_nemesis(
     except OSError as error:
         failed = failed or in_words(error)
     if failed is not None:
-        console.print(f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}")
+        console.print(
+            f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}", soft_wrap=True
+        )
         return BROKEN
     if len(done) < len(trials):
         return INTERRUPTED

@@ -64,7 +64,10 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: str |
     if bridge.failures:
         console.print(f"[yellow]messages that could not be delivered:[/] {bridge.failures}")
     if broken is not None:
-        console.print(f"[red]the bridge broke:[/] {escape(f'{type(broken).__name__}: {broken}')}")
+        console.print(
+            f"[red]the bridge broke:[/] {escape(f'{type(broken).__name__}: {broken}')}",
+            soft_wrap=True,
+        )
         return BROKEN
     return ENDED
 
