@@ -109,7 +109,7 @@ def claims(asked: Asked, stopped: pool.Stopped) -> Found:
     return Found(
         {"claims": len(catalogue()), "runs": len(done)},
         [f"{name}: not as expected" for name in sorted(done) if not done[name].as_expected],
-        {name: done[name].verdict["trajectory_sha256"] for name in sorted(done)},
+        {name: done[name].verdict.trajectory_sha256 for name in sorted(done)},
     )
 
 
