@@ -20,6 +20,11 @@ for link in Path("formnet").iterdir():
         )
 
 HOT = [
+    "formnet/exact/exponentials.py",
+    "formnet/exact/gamma.py",
+    "formnet/exact/normal.py",
+    "formnet/exact/pairs.py",
+    "formnet/exact/trigonometry.py",
     "formnet/agent/base.py",
     "formnet/agent/cooperative.py",
     "formnet/agent/dynamics.py",

@@ -4,7 +4,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[2]
-_PACKAGES = ("agent", "formation", "lab", "netem", "plant")
+_PACKAGES = ("agent", "exact", "formation", "lab", "netem", "plant")
 
 
 def compiled() -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-PARTS = ("agent", "configs", "formation", "lab", "netem", "plant")
+PARTS = ("agent", "configs", "exact", "formation", "lab", "netem", "plant")
 
 
 def copied(root, source):

@@ -87,7 +87,7 @@ else:
 @pytest.mark.processes
 def test_a_new_impairment_is_one_file(root, tmp_path):
     """In a copy of the packages, interpreted: the file alone makes it a setting of every link."""
-    for name in ("agent", "configs", "formation", "lab", "netem", "plant"):
+    for name in ("agent", "configs", "exact", "formation", "lab", "netem", "plant"):
         ignored = shutil.ignore_patterns("*.so", "__pycache__")
         shutil.copytree(root / name, tmp_path / "formnet" / name, ignore=ignored)
     shutil.copy(root / "formnet" / "__init__.py", tmp_path / "formnet")

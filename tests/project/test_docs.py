@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-PACKAGES = ("agent", "formation", "lab", "netem", "plant")
+PACKAGES = ("agent", "exact", "formation", "lab", "netem", "plant")
 
 
 @pytest.mark.processes

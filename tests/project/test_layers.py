@@ -15,20 +15,22 @@ import pytest
 from formnet.lab.runs.build import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("netem", "formation", "agent", "plant", "lab")
+PACKAGES = ("exact", "netem", "formation", "agent", "plant", "lab")
 MOST_LINES = 400
 MOST_FILES = 12
 LONGER = "It is longer than"
 """How the docstring of a module beyond MOST_LINES begins the sentence that says why."""
 
 PACKAGES_BELOW: dict[str, set[str]] = {
-    "netem": set(),
-    "formation": {"netem"},
-    "agent": {"netem", "formation"},
-    "plant": {"netem", "formation"},
-    "lab": {"netem", "formation", "agent", "plant"},
+    "exact": set(),
+    "netem": {"exact"},
+    "formation": {"exact", "netem"},
+    "agent": {"exact", "netem", "formation"},
+    "plant": {"exact", "netem", "formation"},
+    "lab": {"exact", "netem", "formation", "agent", "plant"},
 }
 BELOW: dict[str, set[str]] = {
+    "exact": set(),
     "netem.core": set(),
     "netem.delays": {"netem.core"},
     "netem.impairments": {"netem.core", "netem.files"},
@@ -221,7 +223,7 @@ def test_robots_and_plant_need_no_package_of_an_extra():
     names = [
         f"formnet.{module}"
         for module in KNOWN
-        if module.partition(".")[0] in ("agent", "plant", "netem", "formation")
+        if module.partition(".")[0] in ("agent", "plant", "exact", "netem", "formation")
         and not module.startswith("formation.paper")
     ]
     names += ["formnet.lab.cli", "formnet.lab.machines.probe"]

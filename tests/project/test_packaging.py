@@ -170,7 +170,7 @@ def test_the_base_install_is_small(base_install):
 @pytest.mark.processes
 def test_the_base_install_has_what_robots_and_plant_need(base_install, tmp_path):
     python, packages = base_install
-    rooms = [f"formnet.{part}" for part in ("agent", "plant", "netem", "formation")]
+    rooms = [f"formnet.{part}" for part in ("agent", "plant", "exact", "netem", "formation")]
     code = f"""
 import importlib, pkgutil, sys
 import formnet, formnet.lab.machines.probe, formnet.lab.cli as cli
