@@ -39,6 +39,7 @@ HOT = [
     "formnet/formation/wire/plant_bus.py",
     "formnet/formation/wire/state.py",
     "formnet/formation/wire/tuples.py",
+    "formnet/netem/delays/calibration.py",
     "formnet/netem/delays/copula.py",
     "formnet/netem/delays/delay.py",
     "formnet/netem/delays/distributions.py",

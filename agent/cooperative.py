@@ -12,11 +12,10 @@ Plain floats and no arrays: for two-vectors that is an order of magnitude faster
 than NumPy, and this runs once per robot and control period.
 """
 
-from math import cos, sin
-
 from formnet.agent.dynamics import DynamicLayer
 from formnet.agent.excitation import Excitation, W1Signal
 from formnet.agent.law import Command
+from formnet.exact.trigonometry import sin_cos
 from formnet.formation.briefing.situation import Situation
 from formnet.formation.wire.state import Stamped, State
 
@@ -113,7 +112,7 @@ class CooperativeLaw:
         scale, beta = self._scale, self._beta
         integral, w1, w1_dot, _ = w
         dx, dy = x_m / scale - offset[0], y_m / scale - offset[1]
-        cosine, sine = cos(heading), sin(heading)
+        sine, cosine = sin_cos(heading)
         zeta2 = dx * cosine + dy * sine
         zeta3 = dy * cosine - dx * sine
         u1 = -turn_rate

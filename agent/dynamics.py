@@ -4,9 +4,10 @@ Shared by every law that decides velocities first. Plain floats and no arrays, a
 :mod:`agent.cooperative`.
 """
 
-from math import exp, sqrt
+from math import sqrt
 
 from formnet.agent.law import Command
+from formnet.exact.exponentials import exp
 from formnet.formation.briefing.situation import Situation, parameters
 from formnet.formation.wire.tuples import make
 

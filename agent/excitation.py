@@ -1,7 +1,6 @@
 """The design variable w1 of Section 3, with its integral and derivatives in closed form."""
 
-import math
-
+from formnet.exact.trigonometry import sin_cos
 from formnet.formation.scenario.law import W1
 
 Excitation = tuple[float, float, float, float]
@@ -25,7 +24,7 @@ class W1Signal:
         if self._constant:
             return bias * t_s, bias, 0.0, 0.0
         amplitude = self._amplitude
-        sine, cosine = math.sin(omega * t_s), math.cos(omega * t_s)
+        sine, cosine = sin_cos(omega * t_s)
         return (
             bias * t_s + amplitude / omega * (1.0 - cosine),
             bias + amplitude * sine,

@@ -11,13 +11,14 @@ The velocities so decided go through the same dynamic layer as the cooperative l
 (Eq. 29 here). A follower that has no leader to hear stands still: nothing tells it where to go.
 """
 
-from math import atan2, cos, hypot, pi, sin
+from math import pi
 from typing import Annotated
 
 from pydantic import Field, ValidationError
 
 from formnet.agent.dynamics import DynamicLayer
 from formnet.agent.law import Command
+from formnet.exact.trigonometry import atan2, hypot, sin_cos
 from formnet.formation.briefing.situation import Situation
 from formnet.formation.wire.state import Stamped, State
 from formnet.netem.files.problems import problems
@@ -99,8 +100,8 @@ class LeaderFollowerLaw:
         The rates are those for a leader that keeps its velocities.
         """
         settings, reach = self._settings, self._settings.reach_m
-        c2, s2 = cos(own.heading_rad), sin(own.heading_rad)
-        c1, s1 = cos(leader.heading_rad), sin(leader.heading_rad)
+        s2, c2 = sin_cos(own.heading_rad)
+        s1, c1 = sin_cos(leader.heading_rad)
         v1, w1, v2, w2 = (
             leader.speed_mps,
             leader.turn_rate_radps,

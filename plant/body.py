@@ -11,8 +11,9 @@ Commands are held over the period (zero-order hold).
 
 import math
 from dataclasses import dataclass, field
-from math import cos, sin
 
+from formnet.exact.exponentials import exp, expm1
+from formnet.exact.trigonometry import sin_cos
 from formnet.formation.scenario.failures import Plant
 from formnet.formation.scenario.robots import Vehicle
 from formnet.formation.wire.state import State
@@ -63,11 +64,11 @@ class Body:
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> "Body":
-        limit = vehicle.wheel_torque_limit_nm
+        limit, offset_m = vehicle.wheel_torque_limit_nm, vehicle.com_offset_m
         return cls(
             mass_kg=vehicle.mass_kg,
-            axle_inertia_kgm2=vehicle.inertia_kgm2 + vehicle.mass_kg * vehicle.com_offset_m**2,
-            com_offset_m=vehicle.com_offset_m,
+            axle_inertia_kgm2=vehicle.inertia_kgm2 + vehicle.mass_kg * (offset_m * offset_m),
+            com_offset_m=offset_m,
             half_axle_m=vehicle.half_axle_m,
             wheel_radius_m=vehicle.wheel_radius_m,
             torque_limit_nm=math.inf if limit is None else limit,
@@ -138,14 +139,14 @@ def _even_step(state: State, v_dot: float, w_dot: float, h: float) -> State:
     half = 0.5 * w_dot
     t1, t2, t3 = C1 * h, C2 * h, C3 * h
     v1, v2, v3 = B1 * (v + v_dot * t1), B2 * (v + v_dot * t2), B3 * (v + v_dot * t3)
-    a1 = heading + t1 * (w + half * t1)
-    a2 = heading + t2 * (w + half * t2)
-    a3 = heading + t3 * (w + half * t3)
+    s1, c1 = sin_cos(heading + t1 * (w + half * t1))
+    s2, c2 = sin_cos(heading + t2 * (w + half * t2))
+    s3, c3 = sin_cos(heading + t3 * (w + half * t3))
     return make(
         State,
         (
-            x + h * (v1 * cos(a1) + v2 * cos(a2) + v3 * cos(a3)),
-            y + h * (v1 * sin(a1) + v2 * sin(a2) + v3 * sin(a3)),
+            x + h * (v1 * c1 + v2 * c2 + v3 * c3),
+            y + h * (v1 * s1 + v2 * s2 + v3 * s3),
             heading + h * (w + half * h),
             v + v_dot * h,
             w + w_dot * h,
@@ -173,10 +174,10 @@ def _collocation_step(body: Body, state: State, force: float, yaw: float, h: flo
         ):
             break
     weights = (B1, B2, B3)
-    angles = [heading + h * _dot(row, turn_rates) for row in MATRIX]
+    turned = [sin_cos(heading + h * _dot(row, turn_rates)) for row in MATRIX]
     return State(
-        x + h * _dot(weights, [v * cos(a) for v, a in zip(speeds, angles, strict=True)]),
-        y + h * _dot(weights, [v * sin(a) for v, a in zip(speeds, angles, strict=True)]),
+        x + h * _dot(weights, [v * c for v, (_, c) in zip(speeds, turned, strict=True)]),
+        y + h * _dot(weights, [v * s for v, (s, _) in zip(speeds, turned, strict=True)]),
         heading + h * _dot(weights, turn_rates),
         speed + h * _dot(weights, v_dots),
         turn_rate + h * _dot(weights, w_dots),
@@ -198,8 +199,8 @@ def braked(state: State, period_s: float, time_s: float) -> State:
 
     They keep their ratio, so the way is an arc, in closed form.
     """
-    left = math.exp(-period_s / time_s)
-    effective_s = time_s * -math.expm1(-period_s / time_s)
+    left = exp(-period_s / time_s)
+    effective_s = time_s * -expm1(-period_s / time_s)
     speed, turn_rate = state.speed_mps, state.turn_rate_radps
     arc, turn = speed * effective_s, turn_rate * effective_s
     return _after_arc(state, arc, turn, speed * left, turn_rate * left)
@@ -224,11 +225,11 @@ def _after_arc(
 ) -> State:
     """Where an arc leads, arriving with these velocities."""
     half = 0.5 * turn_rad
-    chord = arc_m * (sin(half) / half if half != 0.0 else 1.0)
-    angle = state.heading_rad + half
+    chord = arc_m * (sin_cos(half)[0] / half if half != 0.0 else 1.0)
+    sine, cosine = sin_cos(state.heading_rad + half)
     return State(
-        state.x_m + chord * cos(angle),
-        state.y_m + chord * sin(angle),
+        state.x_m + chord * cosine,
+        state.y_m + chord * sine,
         state.heading_rad + turn_rad,
         speed_mps,
         turn_rate_radps,

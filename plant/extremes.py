@@ -15,9 +15,10 @@ sweep).
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from math import hypot, inf, isfinite, nextafter
+from math import inf, isfinite, nextafter
 from typing import Final, NamedTuple
 
+from formnet.exact.trigonometry import hypot
 from formnet.formation.records import events
 from formnet.formation.records.motion import Closest, TopSpeed, TopTorque, TopTurnRate
 from formnet.formation.wire.state import State

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.robots import Vehicle
@@ -61,7 +62,8 @@ def body_estimate(vehicle: Vehicle, scale_m: float) -> BodyEstimate:
     true = parameters(*vehicle.truth(), scale_m)
     bound = vehicle.robust_bound
     if bound is None:
-        bound = sum((a - b) ** 2 for a, b in zip(true, believed, strict=True)) ** 0.5
+        first, second, third = (a - b for a, b in zip(true, believed, strict=True))
+        bound = sqrt(first * first + second * second + third * third)
     return BodyEstimate(
         mass_kg=mass,
         inertia_kgm2=inertia,

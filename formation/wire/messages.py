@@ -21,8 +21,8 @@ from formnet.formation.wire.state import State
 from formnet.formation.wire.tuples import make
 from formnet.netem.core.transit import FATES
 
-PROTOCOL: Final = 5
-"""Version of the messages; a robot and a plant must agree on it."""
+PROTOCOL: Final = 6
+"""Version of the messages, and of the arithmetic: a robot and a plant must agree on both."""
 
 MOST_BYTES: Final = 8 * 2**20
 """The longest message: a plan with thousands of robots."""

@@ -69,7 +69,6 @@ EXTRAS = {
         "pyarrow",
         "rerun",
         "rich",
-        "scipy",
         "tomlkit",
     ),
     "hosts": ("asyncssh", "cryptography"),

@@ -71,7 +71,7 @@ def _converted(content: bytes) -> Verdict:
     number = data.get("format", 1)
     if type(number) is not int or not 1 <= number <= FORMAT:
         raise Unreadable(
-            f"{FILE} is of format {_short(number)}, written by formnet {_writer(data)}; "
+            f"{FILE} is of format {shown(number)}, written by formnet {_writer(data)}; "
             f"this formnet reads formats 1 to {FORMAT}"
         )
     converted = _from_1(data) if number == 1 else data
@@ -82,7 +82,7 @@ def _converted(content: bytes) -> Verdict:
         more = error.error_count() - len(found)
         raise Unreadable(
             f"{FILE} is not a verdict of format {number} (written by formnet {_writer(data)}): "
-            + "; ".join(_short(str(problem), 200) for problem in found)
+            + "; ".join(shown(str(problem), 200) for problem in found)
             + (f"; and {more} more" if more else "")
         ) from None
 
@@ -92,17 +92,18 @@ def _from_1(data: dict[str, Any]) -> dict[str, Any]:
     messages = data.get("messages")
     if isinstance(messages, dict):
         messages = {"refused": [], **messages}
-    return {"warnings": [], "motion": None, **data, "messages": messages, "format": FORMAT}
+    lacking: dict[str, Any] = {"warnings": [], "motion": None, "arithmetic": 1}
+    return {**lacking, **data, "messages": messages, "format": FORMAT}
 
 
 def _writer(data: dict[str, Any]) -> str:
     """The version of formnet that wrote a file, as far as it says so."""
     versions = data.get("versions")
     found = versions.get("formnet") if isinstance(versions, dict) else None
-    return _short(found) if isinstance(found, str) else "of an unknown version"
+    return shown(found) if isinstance(found, str) else "of an unknown version"
 
 
-def _short(value: object, longest: int = 40) -> str:
+def shown(value: object, longest: int = 40) -> str:
     """What a file says, fit for a line: printable, and not too long."""
     text = "".join(letter if letter.isprintable() else "�" for letter in str(value)[:longest])
     return text + "…" * (len(str(value)) > longest)

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
+from formnet.exact import ARITHMETIC_VERSION
 from formnet.formation.scenario.expect import CRITERIA, ERRORS, LYAPUNOV, Expect
 from formnet.lab.runs.build import versions
 from formnet.lab.verdict.claims import Claims, Judgement, claims
 from formnet.lab.verdict.ending import Ending, Participants, ending, participants
 from formnet.lab.verdict.motion import Motion, motion
 from formnet.lab.verdict.realtime import Timing, timing
-from formnet.lab.verdict.section import Instant, Section, finite
+from formnet.lab.verdict.section import Instant, PositiveCount, Section, finite
 from formnet.lab.verdict.stability import Stability, stability
 from formnet.lab.verdict.traffic import LinkTraffic, Messages, links, messages
 
@@ -66,6 +67,10 @@ class Verdict(Section):
     trajectory_sha256: Sha256 = Field(
         description="SHA-256 over every row of states.parquet: two runs have the same if and only "
         "if every bit of every sample is the same."
+    )
+    arithmetic: PositiveCount = Field(
+        description="The version of the arithmetic that the bits come from; it goes up whenever "
+        "they change."
     )
     messages: Messages = Field(description="The messages of all links together.")
     links: list[LinkTraffic] = Field(description="Each direction of each link.")
@@ -205,6 +210,7 @@ def judge(
         motion=motion(recording.motion),
         lyapunov=rising,
         trajectory_sha256=trajectory_sha256(recording.samples),
+        arithmetic=ARITHMETIC_VERSION,
         messages=messages(recording.events, recording.link_rows),
         links=links(recording.link_rows, outcome.t_ns),
         simulated_s=end.t_s,

@@ -8,18 +8,20 @@ from tempfile import TemporaryDirectory
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.exact import ARITHMETIC_VERSION
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.forecast.foresight import obstacle
 from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.signals import stop_signals
+from formnet.lab.runs.borrowed import borrowed
 from formnet.lab.runs.difference import before, differences, other_extremes
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recording import Recording, trajectory_sha256
 from formnet.lab.text.problems import report_problems, say_slow
 from formnet.lab.text.progress import Waits
-from formnet.lab.verdict.files import Unreadable
+from formnet.lab.verdict.files import Unreadable, shown
 from formnet.lab.verdict.model import Verdict
 from formnet.lab.verdict.recorded import read_whole
 from formnet.netem.settings.timeline import NEVER
@@ -51,6 +53,13 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
     recorded = read_whole(folder)
     judged = recorded.verdict
     assert judged is not None
+    if judged.arithmetic != ARITHMETIC_VERSION:
+        writer = shown(judged.versions.get("formnet"))
+        raise Unreadable(
+            f"its bits come from version {judged.arithmetic} of the arithmetic, and this formnet "
+            f"has version {ARITHMETIC_VERSION}: formnet {writer} repeats it (in an environment of "
+            f"its own: pip install 'formnet[lab]=={writer}')"
+        )
     problem = obstacle(recorded.scenario, partial(say_slow, console))
     if problem is not None:
         raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
@@ -97,6 +106,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
         found = found._replace(motion=other_extremes(judged.motion.model_dump(), again.motion))
     sealed = trajectory_sha256(recorded.samples) == judged.trajectory_sha256
     name = escape(str(folder))
+    _say_borrowed(console, recorded.scenario.law.kind)
     if found.identical and sealed:
         extent = (
             f": {len(samples)} samples, {len(recorded.link_rows)} messages"
@@ -120,6 +130,17 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
     for line in [] if found.identical else judged.other_versions():
         console.print(f"  {escape(line)}", soft_wrap=True)
     return ONE_FAILS
+
+
+def _say_borrowed(console: Console, kind: str) -> None:
+    """Name a plug-in law whose bits are not formnet's to promise."""
+    if names := borrowed(kind):
+        console.print(
+            f"[yellow]law.kind = {escape(repr(kind))} is a plug-in that uses "
+            f"{escape(', '.join(names))}:[/] its bits can depend on the processor and the versions "
+            "of libraries; those of formnet.exact do not",
+            soft_wrap=True,
+        )
 
 
 def _what_happened(judged: Verdict, at_ns: int) -> str:

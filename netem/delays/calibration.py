@@ -12,16 +12,17 @@ from bisect import bisect_right
 from collections.abc import Callable
 from functools import cache, lru_cache
 from itertools import pairwise
-from statistics import NormalDist
 from typing import TypeAlias
 
+from formnet.exact.exponentials import exp
+from formnet.exact.normal import normal_share
+from formnet.exact.trigonometry import atan2, cos, sin_cos
 from formnet.netem.delays.copula import clipped
 from formnet.netem.delays.distributions import Distribution, Known
 from formnet.netem.delays.hermite import HALF
 
 Quantile: TypeAlias = Callable[[float], float]
 
-_NORMAL = NormalDist()
 _TERMS = 120
 _CONFIRMED = 2.5e-3
 """By how much the correlation that a staircase has may differ from the one that was asked for:
@@ -77,17 +78,21 @@ def latent_correlation(quantile: Quantile, correlation: float) -> float:
     must be smooth. It grows from 0 to 1 with ρ, so bisection finds it.
     """
     nodes, weights, polynomials = _hermite()
-    values = [quantile(clipped(_NORMAL.cdf(z))) for z in nodes]
+    values = [quantile(clipped(normal_share(z))) for z in nodes]
     weighted = [w * value for w, value in zip(weights, values, strict=True)]
-    powers = [
-        _pairwise_sum([w * p for w, p in zip(weighted, polynomial, strict=True)]) ** 2
+    coefficients = [
+        math.fsum(w * p for w, p in zip(weighted, polynomial, strict=True))
         for polynomial in polynomials
     ]
+    powers = [coefficient * coefficient for coefficient in coefficients]
     total = math.fsum(powers)
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2.0
-        reached = math.fsum(p * middle ** (k + 1) for k, p in enumerate(powers)) / total
+        reached = 0.0
+        for share in reversed(powers):
+            reached = (reached + share) * middle
+        reached = reached / total
         low, high = (middle, high) if reached < correlation else (low, middle)
     return (low + high) / 2.0
 
@@ -111,26 +116,9 @@ def _hermite() -> tuple[list[float], list[float], list[list[float]]]:
     return nodes, weights, polynomials
 
 
-def _pairwise_sum(values: list[float]) -> float:
-    """The sum in the order in which NumPy adds, which the bits of ρ have always come from.
-
-    Eight partial sums up to 128 numbers; more are halved, at a multiple of eight.
-    """
-    count = len(values)
-    if count > 128:
-        half = count // 2
-        half -= half % 8
-        return _pairwise_sum(values[:half]) + _pairwise_sum(values[half:])
-    whole = count - count % 8
-    parts = values[:8]
-    for start in range(8, whole, 8):
-        for k in range(8):
-            parts[k] += values[start + k]
-    first = (parts[0] + parts[1]) + (parts[2] + parts[3])
-    total = first + ((parts[4] + parts[5]) + (parts[6] + parts[7]))
-    for value in values[whole:]:
-        total += value
-    return total
+def _angle(rho: float) -> float:
+    """The angle whose cosine is ``rho``."""
+    return atan2(math.sqrt((1.0 - rho) * (1.0 + rho)), rho)
 
 
 class Staircase:
@@ -163,7 +151,8 @@ class Staircase:
         for i, (score, rise) in enumerate(rises):
             pairs.append((0.0, score * score, rise * rise))
             for other, another in rises[i + 1 :]:
-                pairs.append(((score - other) ** 2 / 2.0, score * other, 2.0 * rise * another))
+                apart = score - other
+                pairs.append((apart * apart / 2.0, score * other, 2.0 * rise * another))
         pairs.sort(key=lambda pair: pair[0])
         self._apart = [apart for apart, _, _ in pairs]
         self._together = [together for _, together, _ in pairs]
@@ -174,10 +163,9 @@ class Staircase:
 
         Any correlation can be had: the largest ρ below 1 gives all but some 1e-7.
         """
-        if rho < 1.0 and abs(self.correlation(math.acos(rho)) - correlation) < _CONFIRMED:
+        if rho < 1.0 and abs(self.correlation(_angle(rho)) - correlation) < _CONFIRMED:
             return rho
-        # Rounded, for the exponential has other last bits in other libraries of mathematics.
-        return math.cos(float(f"{self.angle(correlation):.9g}"))
+        return cos(self.angle(correlation))
 
     def correlation(self, angle: float) -> float:
         """The correlation for ρ = cos ``angle``, 0 < ``angle`` ≤ π/2."""
@@ -189,7 +177,7 @@ class Staircase:
 
     def angle(self, correlation: float) -> float:
         """The least ``angle`` for which cos ``angle`` < 1, or that of ``correlation`` if larger."""
-        low = math.pi / 2.0 / 2.0**_PANELS
+        low = math.ldexp(math.pi / 2.0, -_PANELS)
         left = 1.0 - correlation - low * self._density(low)
         if left <= 0.0:
             return low
@@ -210,13 +198,11 @@ class Staircase:
         return half * math.fsum([w * self._density(middle + half * x) for x, w in _LEGENDRE])
 
     def _density(self, angle: float) -> float:
-        square = math.sin(angle) ** 2
-        wide = 1.0 + math.cos(angle)
+        sine, cosine = sin_cos(angle)
+        square, wide = sine * sine, 1.0 + cosine
         total = 0.0
         for k in range(bisect_right(self._apart, _NEGLIGIBLE * square)):
-            total += self._weights[k] * math.exp(
-                -self._apart[k] / square - self._together[k] / wide
-            )
+            total += self._weights[k] * exp(-self._apart[k] / square - self._together[k] / wide)
         return total
 
 
@@ -236,11 +222,13 @@ def _steps(quantile: Quantile) -> tuple[list[float], list[float], float]:
         shares = [_between(a, b) for a, b in pairwise(scores)]
         heights = [(a + b) / 2.0 for a, b in pairwise(ends)]
         mean = math.fsum(p * h for p, h in zip(shares, heights, strict=True))
-        variance = math.fsum(p * (h - mean) ** 2 for p, h in zip(shares, heights, strict=True))
+        gaps = [height - mean for height in heights]
+        variance = math.fsum(p * (gap * gap) for p, gap in zip(shares, gaps, strict=True))
         finer_scores, finer_ends = scores[:1], ends[:1]
         for k, share in enumerate(shares):
             middle = (scores[k] + scores[k + 1]) / 2.0
-            hidden = share * (ends[k + 1] - ends[k]) ** 2
+            rise = ends[k + 1] - ends[k]
+            hidden = share * (rise * rise)
             if hidden > _SHARE * variance and scores[k] < middle < scores[k + 1]:
                 finer_scores.append(middle)
                 finer_ends.append(height(middle))
@@ -253,7 +241,7 @@ def _steps(quantile: Quantile) -> tuple[list[float], list[float], float]:
 
 def _above(score: float) -> float:
     """P(z > score)."""
-    return 0.5 * math.erfc(score / math.sqrt(2.0))
+    return normal_share(-score)
 
 
 def _between(low: float, high: float) -> float:

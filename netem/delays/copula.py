@@ -9,10 +9,10 @@ depends on the distribution; :mod:`netem.delays.calibration` inverts it.
 
 import math
 from random import Random
-from statistics import NormalDist
 
-_NORMAL = NormalDist()
-_LEAST, _MOST = 2.0**-54, 1.0 - 2.0**-53
+from formnet.exact.normal import normal_quantile, normal_share
+
+_LEAST, _MOST = 5.551115123125783e-17, 0.9999999999999999  # 2⁻⁵⁴, 1 − 2⁻⁵³
 
 
 def clipped(u: float) -> float:
@@ -30,10 +30,10 @@ class GaussianCopula:
 
     def uniform(self, random: Random) -> float:
         """The next number, strictly between 0 and 1."""
-        score = _NORMAL.inv_cdf(clipped(random.random()))
+        score = normal_quantile(clipped(random.random()))
         z = score if self._z is None else self.rho * self._z + self._innovation * score
         self._z = z
-        return clipped(0.5 * math.erfc(-z / math.sqrt(2.0)))
+        return clipped(normal_share(z))
 
     def go_on_from(self, before: "GaussianCopula") -> None:
         """Correlate the next number with the last one of ``before``."""

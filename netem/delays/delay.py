@@ -5,6 +5,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from random import Random
 
+from formnet.exact.trigonometry import sin
 from formnet.netem.core.checks import correlation as checked_correlation
 from formnet.netem.core.link import Impairment
 from formnet.netem.core.transit import Transit
@@ -55,7 +56,7 @@ class UniformDelay:
             raise ValueError(f"need 0 <= low_ns <= high_ns, got low_ns={low_ns}, high_ns={high_ns}")
         self._low_ns = low_ns
         count = self._count = high_ns - low_ns + 1
-        rho = 2.0 * math.sin(math.pi / 6.0 * checked_correlation(correlation))  # of a continuum
+        rho = 2.0 * sin(math.pi / 6.0 * checked_correlation(correlation))  # of a continuum
         if correlation and count < _MANY:
             rho = Staircase(lambda u: int(u * count)).confirmed(rho, correlation)
         self._copula = GaussianCopula(rho) if rho else None

@@ -7,10 +7,11 @@ another.
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import Protocol
 
-_NORMAL = NormalDist()
+from formnet.exact.exponentials import exp, log, log1p, power
+from formnet.exact.gamma import gamma_quantile
+from formnet.exact.normal import normal_quantile, normal_share
 
 
 class Distribution(Protocol):
@@ -59,14 +60,14 @@ class Normal(Known):
         _positive(mean=mean, stddev=stddev)
         super().__init__((mean, stddev))
         self._mean, self._stddev = mean, stddev
-        self._above = _NORMAL.cdf(mean / stddev)
+        self._above = normal_share(mean / stddev)
 
     def quantile(self, u: float) -> float:
         share = self._above * (1.0 - u)  # of the untruncated normal above the value
         if share < 0.5:
-            score = -_NORMAL.inv_cdf(share)
+            score = -normal_quantile(share)
         else:
-            score = _NORMAL.inv_cdf(1.0 - self._above + self._above * u)
+            score = normal_quantile(1.0 - self._above + self._above * u)
         return max(0.0, self._mean + self._stddev * score)
 
 
@@ -76,11 +77,12 @@ class LogNormal(Known):
     def __init__(self, mean: float, stddev: float) -> None:
         _positive(mean=mean, stddev=stddev)
         super().__init__((mean, stddev))
-        variance = math.log1p((stddev / mean) ** 2)
-        self._mu, self._sigma = math.log(mean) - variance / 2.0, math.sqrt(variance)
+        spread = stddev / mean
+        variance = log1p(spread * spread)
+        self._mu, self._sigma = log(mean) - variance / 2.0, math.sqrt(variance)
 
     def quantile(self, u: float) -> float:
-        return math.exp(self._mu + self._sigma * _NORMAL.inv_cdf(u))
+        return exp(self._mu + self._sigma * normal_quantile(u))
 
 
 class Gamma(Known):
@@ -94,19 +96,11 @@ class Gamma(Known):
         if stddev > 100.0 * mean:
             raise ValueError(f"stddev must be at most 100 mean, got {stddev} and {mean}")
         super().__init__((mean, stddev))
-        try:
-            from scipy.special import gammaincinv  # slow to import, and only this needs it
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError(
-                "a gamma-distributed delay needs SciPy where the link is emulated, which is at the "
-                "receiving robot: pip install 'formnet[lab]' there",
-                name="scipy",
-            ) from None
-        self._inverse = gammaincinv
-        self._shape, self._scale = (mean / stddev) ** 2, stddev**2 / mean
+        root = mean / stddev
+        self._shape, self._scale = root * root, stddev / root
 
     def quantile(self, u: float) -> float:
-        return self._scale * float(self._inverse(self._shape, u))
+        return self._scale * gamma_quantile(self._shape, u)
 
 
 class Weibull(Known):
@@ -118,7 +112,7 @@ class Weibull(Known):
         self._scale, self._power = scale, 1.0 / shape
 
     def quantile(self, u: float) -> float:
-        return float(self._scale * (-math.log1p(-u)) ** self._power)
+        return self._scale * power(-log1p(-u), self._power)
 
 
 class Pareto(Known):
@@ -135,7 +129,7 @@ class Pareto(Known):
         self.has_variance = shape > 2.0
 
     def quantile(self, u: float) -> float:
-        return float(self._minimum * (1.0 - u) ** self._power)
+        return self._minimum * power(1.0 - u, self._power)
 
 
 class Exponential(Known):
@@ -147,7 +141,7 @@ class Exponential(Known):
         self._mean = mean
 
     def quantile(self, u: float) -> float:
-        return -self._mean * math.log1p(-u)
+        return -self._mean * log1p(-u)
 
 
 class Empirical(Known):

@@ -465,7 +465,7 @@ def test_usage_errors_exit_2():
 
 def test_laws_and_version():
     assert "cooperative" in CliRunner().invoke(main, ["laws"]).output
-    assert CliRunner().invoke(main, ["--version"]).output.startswith("formnet 0.2.0")
+    assert CliRunner().invoke(main, ["--version"]).output.startswith("formnet 0.3.0")
 
 
 def delays_ms(rules):

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 PARTS = ("agent", "configs", "exact", "formation", "lab", "netem", "plant")
 
 
-def copied(root, source):
+def copied(root: Path, source: Path) -> None:
     """What a checkout holds of the package, without what was compiled in it."""
     for part in (*PARTS, "formnet"):
         shutil.copytree(
@@ -27,7 +27,7 @@ def copied(root, source):
         shutil.copy(root / file, source)
 
 
-def built(source, target, what="wheel"):
+def built(source: Path, target: Path, what: str = "wheel") -> Path:
     """A wheel or an sdist of ``source``, nothing compiled."""
     target.mkdir(exist_ok=True)
     code = f"import setuptools.build_meta as backend; backend.build_{what}({str(target)!r})"
@@ -42,7 +42,7 @@ def built(source, target, what="wheel"):
     return file
 
 
-def environment(wheel, home):
+def environment(wheel: Path, home: Path) -> tuple[Path, Path]:
     """An empty environment at ``home`` with ``wheel`` in it, and none of what that needs.
 
     Returns its interpreter and its folder of packages.
@@ -56,9 +56,10 @@ def environment(wheel, home):
     return python, Path(subprocess.check_output([python, "-c", code], text=True).strip())
 
 
-def needed(name):
+def needed(name: str) -> set[str]:
     """The distributions that ``name`` needs without any extra, and those that they need."""
-    found, waiting = set(), [name]
+    found: set[str] = set()
+    waiting = [name]
     while waiting:
         for text in requires(waiting.pop()) or []:
             need = Requirement(text)
@@ -69,13 +70,13 @@ def needed(name):
     return found
 
 
-def base(wheel, home):
+def base(wheel: Path, home: Path) -> tuple[Path, Path]:
     """:func:`environment` and what formnet's ``dependencies`` name, as copies of what is here."""
     python, packages = environment(wheel, home)
     here = Path(sysconfig.get_path("purelib"))
     for name in needed("formnet"):
         for file in distribution(name).files or []:
-            source = Path(file.locate())
+            source = Path(str(file.locate()))
             if source.is_relative_to(here):
                 target = packages / source.relative_to(here)
                 target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,8 @@
 """Tables of a link's settings that together have every parameter of every kind."""
 
-COMPLETE = {
+from typing import Any
+
+COMPLETE: dict[str, list[dict[str, Any]]] = {
     "delay": [
         {"distribution": "constant", "mean_s": 0.1},
         {"distribution": "uniform", "low_s": 0.1, "high_s": 0.2, "correlation": 0.5},

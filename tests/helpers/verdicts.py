@@ -1,5 +1,6 @@
 """A verdict made by hand, for what is told of one."""
 
+from formnet.exact import ARITHMETIC_VERSION
 from formnet.formation.scenario.expect import CRITERIA
 from formnet.lab.verdict.model import FORMAT, Verdict
 
@@ -119,6 +120,7 @@ def made(*, kind="completed", t_s=3.0, judged=(1, 2, 3), lost=(), claims=None, *
             "motion": None,
             "lyapunov": None,
             "trajectory_sha256": "0" * 64,
+            "arithmetic": ARITHMETIC_VERSION,
             "messages": {"sent": 0, "fates": {}, "rejected": [], "refused": []},
             "links": [],
             "simulated_s": t_s,

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from formnet.exact.trigonometry import hypot
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire.messages import Drive
@@ -27,7 +28,7 @@ def brute_force(ids, dynamic, ticks):
     for t_ns, states, drives in ticks:
         for one, other in combinations(range(len(ids)), 2):
             a, b = states[ids[one]], states[ids[other]]
-            distances.append((math.hypot(a.x_m - b.x_m, a.y_m - b.y_m), t_ns, one, other))
+            distances.append((hypot(a.x_m - b.x_m, a.y_m - b.y_m), t_ns, one, other))
         for place, robot in enumerate(ids):
             speeds.append((-abs(states[robot].speed_mps), t_ns, place))
             turn_rates.append((-abs(states[robot].turn_rate_radps), t_ns, place))

@@ -17,7 +17,6 @@ from formnet.formation.scenario.loading import load
 from formnet.lab.cli import main
 from formnet.lab.runs.build import EXTRAS
 from formnet.lab.scenarios.packaged import CONFIGS, find, packaged
-from formnet.netem.delays.distributions import Gamma
 
 
 def formnet(*arguments):
@@ -97,11 +96,11 @@ USES = {
     "rich": "plot",
     "tomlkit": "migrate",
 }
-"""A command that cannot do without the package; SciPy is imported by what needs it alone."""
+"""A command that cannot do without the package."""
 
 
 def test_every_package_of_the_lab_is_one_that_a_command_may_lack():
-    assert {*USES, "scipy"} == set(EXTRAS["lab"])
+    assert set(USES) == set(EXTRAS["lab"])
 
 
 @pytest.mark.processes
@@ -141,7 +140,6 @@ def test_help_loads_nothing_heavy():
         "pydantic",
         "rerun",
         "rich",
-        "scipy",
         "zenoh",
     }
     assert heavy.isdisjoint(loaded)
@@ -213,13 +211,6 @@ def test_a_law_of_the_user_s_is_checked_against_the_base_install(base_install, r
     law.write_text(law.read_text().replace("situation.offsets_m", "situation.no_such_thing"))
     wrong = subprocess.run([*checker, law], cwd=tmp_path, capture_output=True, text=True)
     assert '"Situation" has no attribute "no_such_thing"' in wrong.stdout
-
-
-def test_a_gamma_delay_says_what_brings_scipy(monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy", None)
-    monkeypatch.setitem(sys.modules, "scipy.special", None)
-    with pytest.raises(ModuleNotFoundError, match=r"pip install 'formnet\[lab\]' there"):
-        Gamma(0.1, 0.05)
 
 
 @pytest.mark.processes

@@ -2,6 +2,7 @@
 
 ``nemesis``: random failures, every run twice to the same bits, every tenth distributed.
 ``fuzz``: broken messages at every decoder. ``claims``: every run of the paper's claims, inline.
+``processors``: the golden bits by other Pythons and processors.
 The exit code is 0 if all hold, 1 if one does not, 2 if the tree is not what was committed.
 """
 
@@ -20,6 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from fuzzing import fuzz
+from proofs.processors import compared
 from proofs.result import Result, clean_tree
 
 from formnet.formation.scenario.loading import load
@@ -48,6 +50,8 @@ class Asked(NamedTuple):
     schedules: int
     messages: int
     duration_s: float
+    pythons: list[str]
+    aarch64: Path | None
 
 
 class Found(NamedTuple):
@@ -113,10 +117,17 @@ def claims(asked: Asked, stopped: pool.Stopped) -> Found:
     )
 
 
+def processors(asked: Asked, stopped: pool.Stopped) -> Found:
+    """The golden bits by other Pythons, without compiled modules, and by other processors."""
+    counts, failures = compared(asked.pythons, asked.aarch64)
+    return Found(counts, failures, {})
+
+
 PROOFS: dict[str, Callable[[Asked, pool.Stopped], Found]] = {
     "nemesis": nemesis,
     "fuzz": broken_messages,
     "claims": claims,
+    "processors": processors,
 }
 
 
@@ -141,13 +152,22 @@ def prove() -> int:
     parser.add_argument("--schedules", type=int, default=1000)
     parser.add_argument("--messages", type=int, default=1_000_000, help="for each decoder")
     parser.add_argument("--duration", type=float, default=40.0, help="seconds of a schedule")
+    parser.add_argument("--python", action="append", default=[], help="for processors; may repeat")
+    parser.add_argument("--aarch64", type=Path, help="for processors: a root with its Python")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "proofs")
     words = parser.parse_args()
     if unknown := [name for name in words.proofs if name not in PROOFS]:
         parser.error(f"{unknown[0]}: must be one of {', '.join(PROOFS)}")
     if words.seed < 0 or words.schedules < 1 or words.messages < 1:
         parser.error("--seed must not be negative, --schedules and --messages must be at least 1")
-    asked = Asked(words.seed, words.schedules, words.messages, words.duration)
+    asked = Asked(
+        words.seed,
+        words.schedules,
+        words.messages,
+        words.duration,
+        words.python,
+        words.aarch64 and words.aarch64.resolve(),
+    )
     tree = clean_tree(ROOT)
     failed = False
     for name in words.proofs or PROOFS:

@@ -8,10 +8,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from in_process import formnet
+from plugin import install
 
+from formnet.agent.law import installed
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.rows import LinkRow, Sample
 from formnet.lab.launch.inline import Inline
+from formnet.lab.runs.borrowed import borrowed
 from formnet.lab.runs.difference import first_difference
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.work import verify
@@ -203,3 +206,75 @@ def test_first_difference():
     assert str(found) == "t = 0 s (tick 0), robot 1, x_m: 0.0 and -0.0"
     links = [LinkRow(0, 5, 1, 2, 0, "delivered"), LinkRow(10, None, 1, 2, 1, "in flight")]
     assert first_difference(links, links[:1], 10).whose == "message 1 from 1 to 2"
+
+
+def test_a_run_of_another_arithmetic_says_what_to_install(copy):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["arithmetic"] = 1
+    judged["versions"]["formnet"] = "0.2.0"
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    code, said = formnet("verify", copy)
+    assert code == 2
+    assert "its bits come from version 1 of the arithmetic, and this formnet has version 2" in said
+    assert "pip install 'formnet[lab]==0.2.0'" in said
+
+
+LAW = """
+import math
+import numpy as np
+from math import sin, sqrt
+from formnet.exact.trigonometry import sin_cos
+
+class Law:
+    def __init__(self, situation):
+        self.gain = math.sqrt(2.0)
+
+    def command(self, now_ns, own, heard):
+        return sqrt(own[0] ** 2) * 0.0, math.atan2(0.0, 1.0) + sin(0.0) * sin_cos(0.0)[0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "named"),
+    [
+        (LAW, ["**", "math.atan2", "math.sin", "numpy"]),
+        (LAW.replace("math.atan2(0.0, 1.0) + sin(0.0) *", "0.0 *"), ["**", "math.sin", "numpy"]),
+        (
+            "from formnet.exact.trigonometry import sin_cos\nimport math as m\n"
+            "class Law:\n"
+            "    def __init__(self, situation):\n        self.gain = m.sqrt(2.0)\n"
+            "    def command(self, now_ns, own, heard):\n        return m.inf * 0 + 1, m.floor(0.5)\n",
+            [],
+        ),
+    ],
+)
+def test_a_plug_in_is_named_with_what_it_borrows(tmp_path, monkeypatch, source, named):
+    install(tmp_path, "lent", source)
+    monkeypatch.syspath_prepend(tmp_path)
+    installed.cache_clear()
+    try:
+        assert borrowed("lent") == named
+        assert borrowed("cooperative") == []
+    finally:
+        monkeypatch.undo()
+        installed.cache_clear()
+
+
+@pytest.mark.processes
+def test_verify_names_a_plug_in_that_borrows(tmp_path, monkeypatch):
+    install(tmp_path, "lent2", LAW)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    installed.cache_clear()
+    try:
+        sets = ("--set", "law.kind=lent2", "--set", "duration_s=0.2")
+        yard = CONFIGS / "paper" / "section5-delay.toml"
+        formnet(
+            "run", yard, "--inline", "--no-scene", "--no-figures", "--out", tmp_path / "run", *sets
+        )
+        code, said = formnet("verify", tmp_path / "run")
+    finally:
+        monkeypatch.undo()
+        installed.cache_clear()
+    assert code == 0, said
+    assert "law.kind = 'lent2' is a plug-in that uses **, math.atan2, math.sin, numpy" in said
