@@ -18,6 +18,10 @@ _MOST: Final = 709.782712893384
 _LEAST: Final = -745.1332191019412
 _ROOT_HALF: Final = 0.7071067811865476
 
+# 2ᵏ, k = 0 to 63, and 2⁶⁴ᵏ, k = −16 to 15: quicker than ``ldexp``, and as exact.
+_UNITS: Final[tuple[float, ...]] = tuple([math.ldexp(1.0, k) for k in range(64)])
+_STEPS: Final[tuple[float, ...]] = tuple([math.ldexp(1.0, 64 * k) for k in range(-16, 16)])
+
 # (eʳ − 1 − r − r²/2)/r³ on ±ln 2/2.
 E3: Final = 0.16666666666666669
 E4: Final = 0.041666666666666664
@@ -60,10 +64,10 @@ def reduced(x: float) -> tuple[float, float, int]:
 
 
 def scaled(x: float, exponent: int) -> float:
-    """x · 2^exponent; infinite where it overflows."""
-    if exponent > 0:
-        return math.ldexp(x, exponent - 1) * 2.0
-    return math.ldexp(x, exponent) if exponent < 0 else x
+    """x · 2^exponent for x between ½ and 4; infinite where it overflows."""
+    if -1022 <= exponent <= 1023:
+        return x * _UNITS[exponent & 63] * _STEPS[(exponent >> 6) + 16]
+    return math.ldexp(x, exponent) if exponent < 0 else math.ldexp(x, exponent - 2) * 4.0
 
 
 def exp(x: float) -> float:
