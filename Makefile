@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test quick prove check docs reference bench clean
+.PHONY: demo build test quick prove accuracy check docs reference bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
@@ -27,6 +27,10 @@ quick: $(VENV)/.test
 # Part of them: make prove PROVE="nemesis --seed 7 --schedules 100"
 prove: $(VENV)/.test
 	PYTHONPATH=tests:tests/helpers $(BIN)/python -m proofs.prove $(PROVE)
+
+# The table of docs/arithmetic.md.
+accuracy: $(VENV)/.test
+	PYTHONPATH=tests $(BIN)/python -m arithmetic.accuracy 20000
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -11,9 +11,8 @@ v e.h <= 0. It rests only where every e vanishes, since a robot that is pulled s
 Headings need not agree, so Eq. 4 is not claimed.
 """
 
-from math import cos, hypot, sin
-
 from formnet import Command, Situation, Stamped, State
+from formnet.exact.trigonometry import hypot, sin_cos  # the same bits on every processor
 
 DEFAULTS = {"gain": 1.0, "speed_limit_mps": 1.5, "turn_limit_radps": 1.0, "near_m": 0.01}
 
@@ -45,7 +44,7 @@ class SaturatedLaw:
             other_x, other_y = self.displacement(robot, state)
             pull_x += self.coupling[robot] * (other_x - x)
             pull_y += self.coupling[robot] * (other_y - y)
-        cosine, sine = cos(own.heading_rad), sin(own.heading_rad)
+        sine, cosine = sin_cos(own.heading_rad)
         ahead, left = pull_x * cosine + pull_y * sine, pull_y * cosine - pull_x * sine
         return Command(
             max(-self.speed_limit, min(self.speed_limit, self.gain * ahead)),

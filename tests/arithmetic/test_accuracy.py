@@ -1,5 +1,7 @@
 """The exact functions against mpmath."""
 
+import re
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -31,6 +33,13 @@ def test_shapes_from_1e3_to_1e6_differ_from_the_normal_limit_as_they_should():
                 - (3.0 * z**4 + 7.0 * z * z - 16.0) / (810.0 * shape)
             )
             assert gamma_quantile(shape, share) == pytest.approx(expansion, rel=30.0 / shape**2.5)
+
+
+def test_the_table_of_the_docs_has_every_case_within_its_promise():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "arithmetic.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| \d+ \| ([\d.e-]+)", text, re.MULTILINE)
+    assert [(name, domain) for name, domain, _ in rows] == [(c.name, c.domain) for c in CASES]
+    assert all(float(off) <= case.bound for (_, _, off), case in zip(rows, CASES, strict=True))
 
 
 SHARES = st.floats(2.0**-54, 1.0 - 2.0**-53)

@@ -26,6 +26,7 @@ FOLDERS = (
     "formation/wire",
 )
 ELSEWHERE = {
+    "exact/arrays.py": {"numpy"},  # for plug-ins
     "formation/scenario/model.py": {"numpy"},  # offsets as an array, for errors and figures
     "formation/wire/sync.py": {"statistics"},  # clocks, in real time
 }

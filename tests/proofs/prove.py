@@ -13,7 +13,7 @@ import platform
 import secrets
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
@@ -50,8 +50,8 @@ class Asked(NamedTuple):
     schedules: int
     messages: int
     duration_s: float
-    pythons: list[str]
-    aarch64: Path | None
+    pythons: Sequence[str] = ()
+    aarch64: Path | None = None
 
 
 class Found(NamedTuple):
