@@ -56,3 +56,50 @@ def test_in_plain_python(root, tmp_path):
     copied(root, tmp_path)
     assert not list(tmp_path.rglob("*.so"))
     assert found_by([str(tmp_path), HELPERS]) == GOLDEN
+
+
+def leaves(value, place=""):
+    """Every leaf of a verdict by its place."""
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        items = enumerate(value)
+    else:
+        return {place: value}
+    return {
+        key: leaf for name, item in items for key, leaf in leaves(item, f"{place}/{name}").items()
+    }
+
+
+@pytest.mark.processes
+def test_a_verdict_elsewhere_has_the_same_booleans_and_numbers_to_1e_12(tmp_path):
+    """As where neither the libc nor NumPy finds what newer processors have."""
+    others = (
+        "AVX2 FMA3 AVX512F AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR X86_V3 X86_V4"
+    )
+    elsewhere = {
+        "GLIBC_TUNABLES": f"glibc.cpu.hwcaps={OTHER_PROCESSORS[-1]}",
+        "NPY_DISABLE_CPU_FEATURES": others,
+    }
+    found = []
+    for number, extra in enumerate(({}, elsewhere)):
+        out = tmp_path / str(number)
+        command = [sys.executable, "-W", "ignore", "-m", "formnet", "run", "section5-delay"]
+        leave_out = ["--inline", "--no-scene", "--no-figures", "--no-lookahead"]
+        done = subprocess.run(
+            [*command, *leave_out, "--set", "duration_s=4.0", "--out", out],
+            env={**os.environ, **extra},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 1, done.stderr  # too short for the claims
+        found.append(leaves(json.loads((out / "verdict.json").read_text())))
+    here, there = found
+    clocks = {"/wall_s", "/realtime_factor"}
+    assert here.keys() == there.keys()
+    assert len(here) > 100
+    for place in here.keys() - clocks:
+        if isinstance(here[place], float):
+            assert there[place] == pytest.approx(here[place], rel=1e-12, abs=1e-300), place
+        else:
+            assert there[place] == here[place], place

@@ -174,7 +174,7 @@ import importlib, pkgutil, sys
 import formnet, formnet.lab.machines.probe, formnet.lab.cli as cli
 for room in {rooms!r}:
     for found in pkgutil.walk_packages(importlib.import_module(room).__path__, room + "."):
-        if not found.name.startswith("formnet.formation.paper"):
+        if not found.name.startswith(("formnet.formation.paper", "formnet.exact.arrays")):
             importlib.import_module(found.name)
 for command in ("agent", "plant"):
     cli.load(command)

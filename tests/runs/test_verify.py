@@ -219,6 +219,18 @@ def test_a_run_of_another_arithmetic_says_what_to_install(copy):
     assert "pip install 'formnet[lab]==0.2.0'" in said
 
 
+@pytest.mark.parametrize("version", ["\x1b]0;title\x07" + "9" * 10**6, None, True, "[red]0[/]"])
+def test_what_another_arithmetic_says_of_itself_is_shown_and_no_more(copy, version):
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["arithmetic"] = 10**30
+    judged["versions"] = {} if version is None else {"formnet": version}
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    code, said = formnet("verify", copy)
+    assert code == 2
+    assert "\x1b" not in said
+    assert len(said) < 1000
+
+
 LAW = """
 import math
 import numpy as np
