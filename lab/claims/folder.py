@@ -11,7 +11,7 @@ from formnet.lab.claims import figures, report
 from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.results import Row
 from formnet.lab.claims.work import scenario_of
-from formnet.lab.figures.canvas import save
+from formnet.lab.figures.canvas import plain_style, save
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs import files
 from formnet.lab.runs.recording import Collected
@@ -28,12 +28,13 @@ def write(folder: Path, rows: Sequence[Row], *, mode: str) -> None:
         report.as_json(rows, mode=mode), indent=2, allow_nan=False, ensure_ascii=False
     )
     files.write_new(folder / "claims.json", text + "\n")
-    drawn = {"claims": figures.summary(rows)} if rows else {}
-    following = next((row for row in rows if row.claim.key == "leader-follower"), None)
-    if following is not None:
-        drawn["remark-9"] = _remark_9(following)
-    for name, figure in drawn.items():
-        save(figure, folder, name)
+    with plain_style():
+        drawn = {"claims": figures.summary(rows)} if rows else {}
+        following = next((row for row in rows if row.claim.key == "leader-follower"), None)
+        if following is not None:
+            drawn["remark-9"] = _remark_9(following)
+        for name, figure in drawn.items():
+            save(figure, folder, name)
 
 
 def _remark_9(row: Row) -> Figure:

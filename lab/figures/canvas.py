@@ -1,7 +1,8 @@
 """What all figures share, and scenes; matplotlib is loaded for the first figure."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -149,6 +150,18 @@ def _apart(palette: tuple[str, ...]) -> list[str]:
         found.append("#{:02X}{:02X}{:02X}".format(*lattice[best]))
         least = np.minimum(least, np.linalg.norm(places - places[best], axis=1))
     return found
+
+
+@contextmanager
+def plain_style() -> Iterator[None]:
+    """Figures are made and saved in matplotlib's own style here.
+
+    matplotlib obeys a file of settings in the working directory, which may be anybody's.
+    """
+    from matplotlib import style
+
+    with style.context("default"):
+        yield
 
 
 def blank(width: float, height: float) -> "Figure":

@@ -25,6 +25,7 @@ from formnet.lab.figures.canvas import (
     curves,
     dashes,
     line_or_point,
+    plain_style,
     save,
 )
 from formnet.lab.figures.graph import graph
@@ -53,13 +54,14 @@ def draw(recording: Collected, folder: Path, stopped: Callable[[], bool] = lambd
     for name, make in _figures(recording):
         if stopped():
             return
-        figure = make()
-        if figure is None:
-            continue
-        if name == "thumbnail":
-            save(figure, folder, name, kinds=("png",), dpi=100)
-        else:
-            save(figure, folder, name)
+        with plain_style():
+            figure = make()
+            if figure is None:
+                continue
+            if name == "thumbnail":
+                save(figure, folder, name, kinds=("png",), dpi=100)
+            else:
+                save(figure, folder, name)
 
 
 def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure | None]]]:

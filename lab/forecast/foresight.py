@@ -19,6 +19,7 @@ from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.process import die_with_parent
 from formnet.lab.forecast import stiffness
 from formnet.lab.launch import stuck
+from formnet.lab.launch.interpreter import safe_path
 from formnet.lab.launch.signals import kept_from_children
 
 GET_S = 60.0
@@ -90,7 +91,7 @@ class _Trial:
         self._here, there = context.Pipe(duplex=False)
         self._say = say
         self._child = context.Process(target=_alone, args=(work, subject, there))
-        with kept_from_children():
+        with kept_from_children(), safe_path():
             self._child.start()
         there.close()
         self.where = ""

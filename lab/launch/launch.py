@@ -11,7 +11,6 @@ import queue
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections import Counter
@@ -38,6 +37,7 @@ from formnet.formation.records.rows import Samples
 from formnet.formation.records.stream import Sink, Stir, read
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
 from formnet.formation.wire.process import END_OF_PLAN
+from formnet.lab.launch.interpreter import module
 from formnet.lab.launch.refusals import LOG_FILTER, Refusals
 from formnet.lab.launch.signals import GRACE_S
 from formnet.plant.host import FAREWELL_S, START_PATIENCE_S
@@ -358,7 +358,7 @@ class Launch:
         audited = plant and self._place.keys is not None and not self._place.routed
         with (self._logs / f"{name}.log").open("wb") as log:
             return LocalChild(
-                [sys.executable, "-m", "formnet", *arguments],
+                module("formnet", *arguments),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE if plant else log,
                 stderr=subprocess.PIPE if audited else log,

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from formnet.formation.wire.process import die_with_parent
+from formnet.lab.launch.interpreter import safe_path
 from formnet.lab.launch.signals import GRACE_S, kept_from_children
 from formnet.lab.runs.exits import BROKEN, in_words
 
@@ -65,13 +66,13 @@ def at_once(
         WorkFailed: ``work`` raised, or its process died.
     """
     context = get_context("spawn")
-    with kept_from_children():  # which a hang-up would end, and others would miss
+    with kept_from_children(), safe_path():  # which a hang-up would end, and others would miss
         resource_tracker.ensure_running()
     stop = context.RawValue(c_bool, False)
     cores = os.cpu_count() or 1
     with ProcessPoolExecutor(jobs or cores, context, initializer=_begin, initargs=(stop,)) as pool:
         try:
-            with kept_from_children():  # the first call starts all of them
+            with kept_from_children(), safe_path():  # the first call starts all of them
                 running = {pool.submit(_guarded, work, item, _stop_wanted): item for item in items}
             while running:
                 done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)

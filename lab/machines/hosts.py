@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import asyncssh
 
 from formnet.formation.scenario.hosts import Host
+from formnet.lab.launch.interpreter import SAFE
 
 # asyncssh leaves a coroutine behind when a connection is cut off; nobody needs to know.
 warnings.filterwarnings("ignore", "coroutine 'Queue.join' was never awaited", RuntimeWarning)
@@ -69,7 +70,7 @@ class Fleet:
         Raises:
             HostLost: the host cannot be reached.
         """
-        command = shlex.join([host.python, "-m", "formnet", *arguments])
+        command = shlex.join([host.python, SAFE, "-m", "formnet", *arguments])
         process = self._wait(host, self._start(host, f"echo $$; exec {command}"))
         child = RemoteChild(self, host, process)
         asyncio.run_coroutine_threadsafe(child.follow(log), self._loop)

@@ -10,7 +10,6 @@ import json
 import os
 import queue
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from formnet.formation.records.checked import Malformed
 from formnet.formation.records.stream import Record, Stir, pack, unpack
 from formnet.lab.judge.lyapunov import Curve
+from formnet.lab.launch.interpreter import module
 
 FILE = "run.rrd"
 PATIENCE_S = 30.0
@@ -114,7 +114,7 @@ class SceneWriter:
         self._over = threading.Event()
         self._sent = 0
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "formnet.lab.scene.rrd", str(folder)],
+            module("formnet.lab.scene.rrd", str(folder)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C reaches the launcher alone

@@ -2,12 +2,12 @@
 
 import queue
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from formnet.lab.launch.interpreter import module
 from formnet.lab.launch.launch import LocalChild, end
 from formnet.lab.launch.signals import GRACE_S
 from formnet.lab.machines.place import Where
@@ -35,7 +35,7 @@ class Watcher:
         options += ["--plaintext"] if self._where.plaintext else []
         with (self._folder / "logs" / "monitor.log").open("wb") as log:
             self._child = LocalChild(
-                [sys.executable, "-m", "formnet", "monitor", *options],
+                module("formnet", "monitor", *options),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,

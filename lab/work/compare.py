@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
+from formnet.lab.figures.canvas import plain_style
 from formnet.lab.pages.comparison import MOST_RUNS, comparison, figure, parts, write
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
@@ -37,7 +38,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> int:
     compared = comparison(found)
     try:
         if out is not None:
-            with filled(out, "comparison.md"):
+            with filled(out, "comparison.md"), plain_style():
                 write(out, compared, figure(found, compared.names))
     except OSError as error:
         console.print(f"[red]--out:[/] {escape(in_words(error))}", soft_wrap=True)

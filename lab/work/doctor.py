@@ -16,6 +16,7 @@ import click
 
 from formnet.formation.scenario.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.wire.security import MONITOR, PLANT
+from formnet.lab.launch.interpreter import SAFE
 from formnet.lab.machines.probe import certificate, probe
 from formnet.lab.runs.build import install, missing
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN
@@ -138,6 +139,7 @@ def _of_host(
     place = listen.partition("/")[2]
     command = [
         host.python,
+        SAFE,
         "-m",
         "formnet.lab.machines.probe",
         *(["--reach", place] if open_ else []),
