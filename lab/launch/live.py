@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from pydantic_core import from_json
+
 from formnet.lab.runs import files
 
 FILE = "live.json"
@@ -39,5 +41,6 @@ def find(folder: Path | None) -> tuple[str, str]:
             f"{where}: no run in progress there (on another machine: --connect with the "
             f"endpoint in {FILE} of the run folder there)"
         )
-    found = json.loads(max(there, key=lambda file: file.stat().st_mtime).read_text("utf-8"))
+    with files.reading(max(there, key=lambda file: file.stat().st_mtime)) as stream:
+        found = from_json(stream.read())
     return found["endpoint"], found["run"]

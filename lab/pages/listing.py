@@ -1,12 +1,14 @@
 """What lies in a folder of runs."""
 
-import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic_core import from_json
+
 from formnet.formation.records.outcome import Outcome
+from formnet.lab.runs import files
 from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.files import as_text
 from formnet.lab.runs.recording import being_written
@@ -73,7 +75,8 @@ def look_at(folder: Path) -> Entry | None:
         file = folder / f"{kind}.json"
         if file.is_file():
             try:
-                return look(folder, json.loads(file.read_text(encoding="utf-8")), _changed(file))
+                with files.reading(file) as stream:
+                    return look(folder, from_json(stream.read()), _changed(file))
             except (OSError, ValueError, KeyError, TypeError) as error:
                 note = f"{file.name} cannot be read: {error!r}"
                 return Entry(

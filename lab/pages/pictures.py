@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.judge import claim_words
+from formnet.lab.runs import files
 from formnet.lab.verdict.recorded import Recorded
 
 _TITLES = {
@@ -42,8 +43,9 @@ def pictures(run: Recorded) -> Iterator[Picture]:
     for name, title in titles.items():
         found: list[tuple[bytes, str]] = []
         for suffix, kind in (("png", "image/png"), ("svg", "image/svg+xml")):
-            with suppress(OSError):
-                found.append(((run.folder / "figures" / f"{name}.{suffix}").read_bytes(), kind))
+            file = run.folder / "figures" / f"{name}.{suffix}"
+            with suppress(OSError), files.reading(file) as stream:
+                found.append((stream.read(), kind))
         if found:
             data, kind = min(found, key=lambda item: len(item[0]))
             source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"

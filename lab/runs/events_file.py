@@ -15,6 +15,7 @@ from formnet.formation.records.checked import Malformed, Robots
 from formnet.formation.records.events import EVENTS as KNOWN
 from formnet.formation.records.events import Event, event
 from formnet.formation.records.outcome import OUTCOMES, Outcome, outcome
+from formnet.lab.runs import files
 
 EVENTS = "events.jsonl"
 _MOST_S = 2**63 / 1e9
@@ -47,7 +48,7 @@ def read_events(folder: Path, robots: Robots = None) -> Iterator[Line]:
         OSError: the file cannot be read.
         Malformed: a line is none; the text says which, and what is wrong.
     """
-    with (folder / EVENTS).open("rb") as lines:
+    with files.reading(folder / EVENTS) as lines:
         for number, line in enumerate(lines, start=1):
             if not line.endswith(b"\n"):
                 return

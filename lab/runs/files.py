@@ -7,9 +7,15 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 _NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 """What link(2) says on file systems that have no hard links (FAT, some on networks)."""
+
+
+MOST_BYTES = 2**26
+"""A longer file in a run's folder is not read, but for tables."""
+_NO_SURPRISES = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
 
 
 def write_new(path: Path, data: str | bytes, mode: int = 0o666) -> None:
@@ -60,6 +66,32 @@ def replace(path: Path, data: str | bytes) -> None:
             if stat.S_IMODE(before):
                 part.chmod(stat.S_IMODE(before))
             part.replace(target)
+
+
+def reading(path: Path, most_bytes: int = MOST_BYTES) -> IO[bytes]:
+    """Open a file in a folder that may be anybody's: a regular one, of at most so many bytes.
+
+    Raises:
+        OSError: it is not there, is longer, or is a link, a pipe or a device, none of which is
+            followed or waited for. ``filename`` is ``path``.
+    """
+    with _blamed_on(path):
+        try:
+            handle = os.open(path, os.O_RDONLY | _NO_SURPRISES)
+        except OSError as error:
+            if error.errno == errno.ELOOP:
+                error.strerror = "it is a symbolic link, which is not followed"
+            raise
+        try:
+            found = os.fstat(handle)
+            if not stat.S_ISREG(found.st_mode):
+                raise OSError(errno.EINVAL, "it is no regular file")
+            if found.st_size > most_bytes:
+                raise OSError(errno.EFBIG, f"it is longer than {most_bytes >> 20} MiB")
+        except OSError:
+            os.close(handle)
+            raise
+        return os.fdopen(handle, "rb")
 
 
 def as_bytes(data: str | bytes) -> bytes:

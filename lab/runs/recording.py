@@ -273,7 +273,7 @@ class Recording(Collected):
 def being_written(folder: Path) -> bool:
     """Whether a process that lives on this machine is recording into ``folder``."""
     try:
-        with (folder / EVENTS).open(encoding="utf-8") as events:
+        with files.reading(folder / EVENTS) as events:
             _lock(events)
     except BlockingIOError:
         return True
@@ -282,7 +282,7 @@ def being_written(folder: Path) -> bool:
     return False
 
 
-def _lock(file: IO[str]) -> None:
+def _lock(file: IO[Any]) -> None:
     """Hold ``file`` until it is closed or this process ends. Raises OSError if it is held."""
     if sys.platform != "win32":
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -302,9 +302,26 @@ def read_links(folder: Path) -> list[LinkRow]:
     return [LinkRow(*row) for row in _rows(folder / LINKS, LINKS_SCHEMA)]
 
 
+MOST_TABLE_BYTES, MOST_ROWS = 2**32, 20_000_000
+"""A table that is longer is not read."""
+
+
+def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """A table in a run's folder, or these of its columns; looked at before it is read.
+
+    Raises:
+        OSError, ValueError, KeyError: there is no such table, or one that is too long.
+    """
+    with files.reading(file, MOST_TABLE_BYTES) as stream:  # its name may be no text
+        parquet = pq.ParquetFile(stream)
+        rows = parquet.metadata.num_rows
+        if rows > MOST_ROWS:
+            raise ValueError(f"{file.name} has {rows} rows; at most {MOST_ROWS} are read")
+        return parquet.read(columns)
+
+
 def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
-    with file.open("rb") as stream:  # its name may be no text
-        table = pq.read_table(stream)
+    table = read_table(file, schema.names)
     return zip(*(table.column(name).to_pylist() for name in schema.names), strict=True)
 
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from formnet.lab.runs import files
+from formnet.lab.runs.files import MOST_BYTES
 from formnet.lab.schemas.common import Schema
 from formnet.lab.schemas.page import Tables, words
 from formnet.lab.schemas.verdict import verdict_schema
-from formnet.lab.verdict.files import MOST_BYTES
 from formnet.lab.verdict.model import FORMAT
 
 HEAD = f"""\

@@ -17,8 +17,6 @@ from formnet.lab.verdict.model import FORMAT, Verdict
 from formnet.netem.files.problems import problems
 
 FILE = "verdict.json"
-MOST_BYTES = 64 * 2**20
-"""A longer file is not read. A link takes some 600 bytes: that is about 100,000 links."""
 _SHOWN = 3
 """How many of a file's problems are named."""
 
@@ -44,16 +42,13 @@ def read(folder: Path) -> Verdict:
     Raises:
         Unreadable: there is none, it is too long, or not of a format that can be read.
     """
-    path = folder / FILE
-    if not path.is_file():
-        raise Unreadable(f"has no {FILE}")
     try:
-        with path.open("rb") as stream:
-            content = stream.read(MOST_BYTES + 1)
+        with files.reading(folder / FILE) as stream:
+            content = stream.read()
+    except FileNotFoundError:
+        raise Unreadable(f"has no {FILE}") from None
     except OSError as error:
         raise Unreadable(f"{FILE} cannot be read: {error.strerror}") from None
-    if len(content) > MOST_BYTES:
-        raise Unreadable(f"{FILE} is not read: it is longer than {MOST_BYTES >> 20} MiB")
     try:
         return Verdict.model_validate_json(content)
     except ValidationError:

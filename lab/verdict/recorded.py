@@ -5,9 +5,11 @@ from pathlib import Path
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
+from formnet.lab.runs import files as regular
 from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.recording import (
     LINKS,
+    SCENARIO,
     STATES,
     Collected,
     being_written,
@@ -51,9 +53,13 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
     """
     if (problem := not_a_folder(folder)) is not None:
         raise Unreadable(problem)
-    if not (folder / "scenario.toml").is_file():
-        raise Unreadable("has no scenario.toml; formnet run leaves one")
-    run = Recorded(folder, load(folder / "scenario.toml"))
+    try:
+        regular.reading(folder / SCENARIO).close()
+    except FileNotFoundError:
+        raise Unreadable("has no scenario.toml; formnet run leaves one") from None
+    except OSError as error:
+        raise Unreadable(f"{SCENARIO} cannot be read: {error.strerror}") from None
+    run = Recorded(folder, load(folder / SCENARIO))
     try:
         run.verdict = files.read(folder)
     except Unreadable as error:

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from formnet.formation.scenario.loading import load
 from formnet.lab.launch.signals import stop_signals
-from formnet.lab.runs.recording import STATES
+from formnet.lab.runs.recording import STATES, read_table
 from formnet.lab.scene.blueprint import NOWHERE, blueprint, half_width
 from formnet.lab.scene.viewer import Viewer
 from formnet.lab.scene.writer import FILE
@@ -54,8 +53,7 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
 def _places(folder: Path) -> NDArray[np.float64]:
     """Where the robots were, (n, 2); none if the run left no table."""
     try:
-        with (folder / STATES).open("rb") as stream:
-            table = pq.read_table(stream, columns=["x_m", "y_m"])
+        table = read_table(folder / STATES, ["x_m", "y_m"])
         return np.column_stack([table.column(axis).to_numpy() for axis in ("x_m", "y_m")])
     except (OSError, pa.ArrowException, KeyError, ValueError):  # it broke off, or is damaged
         return NOWHERE

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet as pq
 from rich.console import Console
 from rich.markup import escape
 
@@ -16,7 +15,7 @@ from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
-from formnet.lab.runs.recording import LINKS, STATES
+from formnet.lab.runs.recording import LINKS, STATES, read_table
 from formnet.lab.text.problems import report_problems
 from formnet.lab.verdict.files import Unreadable
 from formnet.lab.verdict.recorded import Recorded, read_whole
@@ -57,8 +56,7 @@ def write_csv(run: Recorded, folder: Path) -> None:
 
 def _write_all(run: Recorded, folder: Path) -> None:
     for name in (STATES, LINKS):
-        with (run.folder / name).open("rb") as stream:
-            table = pq.read_table(stream)
+        table = read_table(run.folder / name)
         _write_csv(table, (folder / name).with_suffix(".csv"))
     lines = list(read_events(run.folder, run.scenario.vehicles))
     records = [line.record for line in lines]

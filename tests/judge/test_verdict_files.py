@@ -20,12 +20,12 @@ from formnet.lab.launch.inline import Inline
 from formnet.lab.pages.comparison import comparison
 from formnet.lab.pages.listing import look_at
 from formnet.lab.pages.report import page
+from formnet.lab.runs.files import MOST_BYTES
 from formnet.lab.runs.recording import Recording
 from formnet.lab.schemas import verdict_page
 from formnet.lab.schemas.verdict import text as schema_text
 from formnet.lab.schemas.verdict import verdict_schema
 from formnet.lab.text.summary import claims_table, summarise
-from formnet.lab.verdict import files
 from formnet.lab.verdict.files import Unreadable, read, save, text
 from formnet.lab.verdict.model import FORMAT, Verdict, judge
 from formnet.lab.verdict.recorded import read_run
@@ -162,16 +162,17 @@ def test_what_is_no_verdict_at_all_is_said(tmp_path, content):
         read(tmp_path)
 
 
-def test_a_file_that_is_too_long_is_not_read(tmp_path, monkeypatch):
-    size = len(json.dumps(WHOLE))
-    monkeypatch.setattr(files, "MOST_BYTES", size)
+def test_a_file_that_is_too_long_is_not_read(tmp_path):
     assert read(put(tmp_path, WHOLE)).links
-    assert "is longer than" in refused(tmp_path, json.dumps(WHOLE) + " ")
+    with (tmp_path / "verdict.json").open("ab") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    with pytest.raises(Unreadable, match="it is longer than 64 MiB"):
+        read(tmp_path)
 
 
 def test_a_verdict_that_is_no_file_is_none(tmp_path):
     (tmp_path / "verdict.json").mkdir()
-    with pytest.raises(Unreadable, match=r"has no verdict\.json"):
+    with pytest.raises(Unreadable, match="it is no regular file"):
         read(tmp_path)
 
 
