@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Iterator
 from itertools import combinations, groupby, pairwise
-from math import hypot
 
+from formnet.exact.trigonometry import hypot
 from formnet.formation.records.events import Extremes, LastTick, Lost, Planned, Started
 from formnet.lab.runs.recording import Collected
 from formnet.netem.core.transit import CORRUPTED, DELIVERED, DUPLICATED

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from math import ceil, cos, hypot, log, pi, sin, sqrt
+from math import ceil, pi, sqrt
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
@@ -11,6 +11,8 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from formnet.exact.exponentials import log
+from formnet.exact.trigonometry import cos, hypot, sin
 from formnet.formation.paper.graph import laplacian
 from formnet.formation.scenario.expect import ERRORS, HEADING
 from formnet.formation.scenario.loading import ScenarioError, loads
