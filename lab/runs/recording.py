@@ -317,7 +317,8 @@ def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
         rows = parquet.metadata.num_rows
         if rows > MOST_ROWS:
             raise ValueError(f"{file.name} has {rows} rows; at most {MOST_ROWS} are read")
-        return parquet.read(columns)
+        # Threads of its own can outlive what ends early, and then abort the process.
+        return parquet.read(columns, use_threads=False)
 
 
 def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
