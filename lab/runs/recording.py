@@ -317,7 +317,7 @@ def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
         rows = parquet.metadata.num_rows
         if rows > MOST_ROWS:
             raise ValueError(f"{file.name} has {rows} rows; at most {MOST_ROWS} are read")
-        # Threads of its own can outlive what ends early, and then abort the process.
+        # With threads, a process that ends early under load aborts at its end more often.
         return parquet.read(columns, use_threads=False)
 
 
