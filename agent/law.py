@@ -80,10 +80,11 @@ RAISED = (Exception, SystemExit, KeyboardInterrupt)
 
 def failure(robot: int, error: BaseException, law: object = None) -> LawFailed:
     """``error``, which came of a law, with the law's own line, or where ``law`` is defined."""
-    return LawFailed(robot, f"{_words(error)}{place(error) or _begins(law)}")
+    return LawFailed(robot, f"{in_words(error)}{place(error) or _begins(law)}")
 
 
-def _words(error: BaseException) -> str:
+def in_words(error: BaseException) -> str:
+    """What an exception is, and what it says."""
     kind, text = type(error).__name__, str(error)
     return f"{kind}: {text}" if text else kind
 
@@ -132,6 +133,8 @@ def load(kind: str) -> LawFactory:
         UnknownLaw: there is none, or importing it failed.
     """
     entries = installed()
+    if ":" in kind:
+        raise UnknownLaw(f"law {kind!r} is code in a file, which was not given to this process")
     if kind not in entries:
         hint = nearest(kind, entries)
         raise UnknownLaw(f"no law {kind!r} is installed (installed: {', '.join(entries)}){hint}")
@@ -140,7 +143,7 @@ def load(kind: str) -> LawFactory:
     except RAISED as error:
         raise UnknownLaw(
             f"law {kind!r} ({entries[kind].value}) cannot be imported: "
-            f"{_words(error)}{place(error)}"
+            f"{in_words(error)}{place(error)}"
         ) from error
     return factory
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import zenoh
 
-from formnet.agent.law import RAISED, LawFailed, make
+from formnet.agent.law import RAISED, LawFactory, LawFailed, make
 from formnet.agent.realtime import RealtimeLoop
 from formnet.agent.robot import Robot
 from formnet.agent.timed import TimedRobot
@@ -70,10 +70,16 @@ _REPORT_NS = 500_000_000
 
 
 class RobotProcess:
-    """Joins run ``run`` at ``session``'s hub as robot ``robot`` and stays until its end."""
+    """Joins run ``run`` at ``session``'s hub as robot ``robot`` and stays until its end.
 
-    def __init__(self, session: zenoh.Session, robot: int, run: str) -> None:
+    ``law`` makes its law: the one that the plan names, or another.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, robot: int, run: str, law: LawFactory = make
+    ) -> None:
         self._session = session
+        self._make = law
         self._id = robot
         self._run = run
         self._keys = bus.Keys(run)
@@ -113,7 +119,7 @@ class RobotProcess:
             self._broadcast = broadcast = bus.publisher(
                 self._session, self._keys.broadcast(self._id), blocking=not timed
             )
-            law = make(plan.situation)
+            law = self._make(plan.situation)
             if timed:
                 core = TimedRobot(plan, run=self._run, law=law, first_tick=brief.tick)
                 self._loop = RealtimeLoop(
@@ -367,9 +373,11 @@ def main(
     keys: Path | None = None,
     plaintext: bool = False,
     lease_s: float = bus.LONG_LEASE_S,
+    law: LawFactory = make,
 ) -> int:
     """Run robot ``robot`` of run ``run`` against the plant at ``connect``; returns the exit code.
 
+    ``law`` makes its law: the one that the plan names, or another.
     ``keys``, ``plaintext`` and ``lease_s`` are as in :func:`formation.wire.bus.session`.
 
     Raises:
@@ -381,6 +389,6 @@ def main(
         connect=connect, credentials=credentials, plaintext=plaintext, lease_s=lease_s
     )
     with opened as session:
-        process = RobotProcess(session, robot, run)
+        process = RobotProcess(session, robot, run, law)
         on_stop(process.stop, at_end_of_input=stop_at_end_of_input)
         return process.run()

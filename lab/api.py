@@ -16,6 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from formnet.agent.law import Law, LawFactory, accepts, make
+from formnet.agent.law_file import LawFile
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.briefing.situation import Situation
 from formnet.formation.paper.theory import assess
@@ -24,6 +25,8 @@ from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.rows import Sample
 from formnet.formation.scenario.loading import Overrides, ScenarioError, from_tables, load
 from formnet.formation.scenario.model import Scenario
+from formnet.lab.code.allowed import BadList
+from formnet.lab.code.laws import Given, NoLaw, NotAllowed, executed, law_of
 from formnet.lab.forecast.stiffness import warnings as foreseen
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.launch.inline import Inline
@@ -173,6 +176,7 @@ def run(
     *,
     law: Callable[[Situation], Law] | Law | None = None,
     until_s: float | None = None,
+    allow_code: bool = False,
 ) -> Run:
     """Run a scenario in virtual time, in this process, and judge it.
 
@@ -185,6 +189,8 @@ def run(
             that takes a ``Situation``, or an object with the method ``command`` that all
             robots share. The run is of a law with its name.
         until_s: End the run there, as interrupted.
+        allow_code: Execute the code in files that the scenario names (``law.kind =
+            "laws.py:MyLaw"``); else only what ``formnet allow`` has allowed.
 
     Raises:
         ScenarioError: the scenario is not valid, or its law cannot be had; every problem is named.
@@ -193,10 +199,14 @@ def run(
     """
     loaded = _loaded(scenario, overrides)
     factory: LawFactory = make
+    file: LawFile | None = None
     if law is not None:
         factory, name = _factory(law)
         kind = loaded.law.model_copy(update={"kind": name})
         loaded = loaded.model_copy(update={"law": kind})
+    else:
+        file = _law_file(loaded, scenario, allow_code=allow_code)
+        factory = file or make
     if loaded.clock.mode == "realtime":
         rule = 'is wall time; this is virtual time: override "clock.mode" with "lockstep"'
         raise ScenarioError(loaded.name, [Problem("clock.mode", "'realtime'", rule)])
@@ -216,7 +226,8 @@ def run(
         raise KeyboardInterrupt
     wall_s = time.perf_counter() - began_s
     warnings = assess(loaded).warnings
-    return Run(collected, judge(collected, mode="inline", wall_s=wall_s, warnings=warnings))
+    how: dict[str, Any] = {"mode": "inline", "wall_s": wall_s, "code": executed(file)}
+    return Run(collected, judge(collected, warnings=warnings, **how))
 
 
 def open(folder: str | PathLike[str]) -> Run:
@@ -231,7 +242,13 @@ def open(folder: str | PathLike[str]) -> Run:
     return Run(recorded, recorded.verdict)
 
 
-def check(scenario: Source, overrides: Overrides = (), *, lookahead: bool = True) -> Check:
+def check(
+    scenario: Source,
+    overrides: Overrides = (),
+    *,
+    lookahead: bool = True,
+    allow_code: bool = False,
+) -> Check:
     """Validate a scenario and say what the theory makes of it, without running it.
 
     Args:
@@ -239,17 +256,19 @@ def check(scenario: Source, overrides: Overrides = (), *, lookahead: bool = True
         overrides: As for ``run``.
         lookahead: Whether to follow the closed loop from the starts, to warn of a control period
             that is too long for the gains.
+        allow_code: As for ``run``.
 
     Raises:
         ScenarioError: the scenario is not valid, or its law cannot be had.
         LookupError: ``scenario`` names none.
     """
     loaded = _loaded(scenario, overrides)
-    problem = accepts(resolve(loaded))
+    factory = _law_file(loaded, scenario, allow_code=allow_code) or make
+    problem = accepts(resolve(loaded), factory)
     if problem is not None:
         raise ScenarioError(loaded.name, [Problem("law.kind", repr(loaded.law.kind), problem)])
     found = assess(loaded)
-    told = foreseen(loaded) if lookahead else found.warnings
+    told = foreseen(loaded, factory) if lookahead else found.warnings
     return Check(loaded, found.theorem, found.why, told)
 
 
@@ -261,6 +280,18 @@ def _loaded(scenario: Source, overrides: Overrides) -> Scenario:
     if isinstance(scenario, Mapping):
         return from_tables(scenario, overrides)
     return load(find(str(scenario)), overrides)
+
+
+def _law_file(loaded: Scenario, source: Source, *, allow_code: bool) -> LawFile | None:
+    """The file whose law a scenario has, if it has one that may be executed."""
+    folder = Path()
+    if isinstance(source, str | PathLike):
+        folder = find(str(source)).parent
+    try:
+        return law_of(loaded.law, folder, Given(allow_code=allow_code))
+    except (NotAllowed, NoLaw, BadList) as error:
+        problem = Problem("law.kind", repr(loaded.law.kind), str(error))
+        raise ScenarioError(loaded.name, [problem]) from None
 
 
 def _factory(law: Callable[[Situation], Law] | Law) -> tuple[LawFactory, str]:

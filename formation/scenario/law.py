@@ -1,5 +1,6 @@
 """``[law]``: which control law, and its parameters."""
 
+import re
 from collections.abc import Iterator
 from math import isfinite
 from typing import Any, Literal
@@ -8,6 +9,9 @@ from pydantic import Field, field_validator
 
 from formnet.netem.files.problems import shown
 from formnet.netem.files.tables import NonNegative, Positive, Table
+
+BY_FILE = re.compile(r"(?:\w[\w.-]*/)*\w[\w.-]*\.py:[^\W\d]\w*", re.ASCII)
+"""Neither an absolute path nor one with ``..`` in it."""
 
 
 class W1(Table):
@@ -28,8 +32,9 @@ class LawSettings(Table):
     kind: str = Field(
         default="cooperative",
         description=(
-            '"cooperative", "leader_follower", or the name of an installed plug-in (`formnet '
-            "laws`)."
+            '"cooperative", "leader_follower", the name of an installed plug-in (`formnet laws`), '
+            "or `FILE.py:NAME`, code in a file below the folder of the scenario, which is executed "
+            "only if its user allows it."
         ),
     )
     level: Literal["kinematic", "dynamic"] = Field(
@@ -95,6 +100,25 @@ class LawSettings(Table):
     parameters: dict[str, Any] = Field(
         default={}, description="Parameters of a law other than the cooperative one."
     )
+
+    @property
+    def file(self) -> tuple[str, str] | None:
+        """The file, relative to the scenario's folder, and the name in it that ``kind`` says.
+
+        None if ``kind`` is the name of an installed law.
+        """
+        file, colon, name = self.kind.rpartition(":")
+        return (file, name) if colon else None
+
+    @field_validator("kind")
+    @classmethod
+    def _installed_or_below(cls, kind: str) -> str:
+        if ":" in kind and not BY_FILE.fullmatch(kind):
+            raise ValueError(
+                "must be the name of an installed law, or FILE.py:NAME with a file below the "
+                "scenario's folder (in its path letters, digits, . _ - and / alone)"
+            )
+        return kind
 
     @field_validator("parameters")
     @classmethod

@@ -95,6 +95,17 @@ OVERRIDE = click.option(
     metavar="KEY.PATH=VALUE",
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
 )
+LAW = click.option(
+    "--law",
+    metavar="FILE:NAME",
+    help="Use this law, code in a file of Python: laws.py:MyLaw.",
+)
+ALLOW_CODE = click.option(
+    "--allow-code",
+    is_flag=True,
+    help="Execute the code in files that the scenario names (else only what `formnet allow` has "
+    "allowed).",
+)
 NO_LOOKAHEAD = click.option(
     "--no-lookahead",
     is_flag=True,

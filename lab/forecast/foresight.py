@@ -12,7 +12,8 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-from formnet.agent.law import UnknownLaw, accepts, foreign, load
+from formnet.agent.law import UnknownLaw, accepts, foreign, load, make
+from formnet.agent.law_file import LawFile
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import assess
 from formnet.formation.scenario.model import Scenario
@@ -39,13 +40,14 @@ class Foresight(NamedTuple):
     warnings: list[str]
 
 
-def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
-    """Try the law of a valid scenario; ``say`` takes where it is, if it takes long."""
+def foresee(scenario: Scenario, say: Say = lambda _: None, law: LawFile | None = None) -> Foresight:
+    """Try the law of a valid scenario, or that of the file ``law``; ``say`` takes where it is, if
+    it takes long."""
     kind = scenario.law.kind
-    if not foreign(kind):
+    if _own(scenario, law):
         problem = accepts(resolve(scenario))
         return Foresight(problem, [] if problem else stiffness.warnings(scenario))
-    with _Trial(_try, scenario, say) as trial:
+    with _Trial(_try, (scenario, law), say) as trial:
         problem = _first(trial, kind, GET_S)
         if problem is not None:
             return Foresight(problem, [])
@@ -59,17 +61,22 @@ def foresee(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
     return Foresight(None, [*assess(scenario).warnings, *fears])
 
 
-def taken_on_trust(scenario: Scenario, say: Say = lambda _: None) -> Foresight:
+def taken_on_trust(
+    scenario: Scenario, say: Say = lambda _: None, law: LawFile | None = None
+) -> Foresight:
     """What :func:`foresee` finds without following the way in: the law is built, but not called."""
-    problem = obstacle(scenario, say)
+    problem = obstacle(scenario, say, law)
     return Foresight(problem, [] if problem else assess(scenario).warnings)
 
 
-def obstacle(scenario: Scenario, say: Say = lambda _: None) -> str | None:
-    """Why the law of a valid scenario cannot be had, or None; ``say`` as for :func:`foresee`."""
-    if not foreign(scenario.law.kind):
+def obstacle(
+    scenario: Scenario, say: Say = lambda _: None, law: LawFile | None = None
+) -> str | None:
+    """Why the law of a valid scenario cannot be had, or None; ``say``, ``law`` as for
+    :func:`foresee`."""
+    if _own(scenario, law):
         return accepts(resolve(scenario))
-    with _Trial(_build, scenario, say) as trial:
+    with _Trial(_build, (scenario, law), say) as trial:
         return _first(trial, scenario.law.kind, GET_S)
 
 
@@ -79,6 +86,11 @@ def unusable(kind: str) -> str | None:
         return None
     with _Trial(_import, kind) as trial:
         return _first(trial, kind, IMPORT_S)
+
+
+def _own(scenario: Scenario, law: LawFile | None) -> bool:
+    """Whether the law is formnet's own."""
+    return law is None and not foreign(scenario.law.kind)
 
 
 class _Trial:
@@ -144,14 +156,16 @@ def _alone(work: Callable[[Any, Connection], Any], subject: object, found: Conne
         work(subject, found)
 
 
-def _try(scenario: Scenario, found: Connection) -> None:
+def _try(subject: tuple[Scenario, LawFile | None], found: Connection) -> None:
     """Send the problem, if there is one, as a list; then the warnings."""
-    if _build(scenario, found):
-        found.send(stiffness.warnings(scenario))
+    if _build(subject, found):
+        scenario, law = subject
+        found.send(stiffness.warnings(scenario, law or make))
 
 
-def _build(scenario: Scenario, found: Connection) -> bool:
-    problem = accepts(resolve(scenario))
+def _build(subject: tuple[Scenario, LawFile | None], found: Connection) -> bool:
+    scenario, law = subject
+    problem = accepts(resolve(scenario), law or make)
     found.send([] if problem is None else [problem])
     return problem is None
 

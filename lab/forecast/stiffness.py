@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from formnet.agent.base import pair
-from formnet.agent.law import RAISED, Law, LawFailed, failure, make
+from formnet.agent.law import RAISED, Law, LawFactory, LawFailed, failure, make
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.paper.theory import assess
 from formnet.formation.plan.roster import Happening
@@ -60,12 +60,13 @@ class Look(NamedTuple):
 Course = list[Look]
 
 
-def warnings(scenario: Scenario) -> list[str]:
-    """What theory and sampling have against a valid scenario whose law can be had."""
-    return [*assess(scenario).warnings, *_sampling(scenario)]
+def warnings(scenario: Scenario, law: LawFactory = make) -> list[str]:
+    """What theory and sampling have against a valid scenario whose law, which ``law`` makes, can
+    be had."""
+    return [*assess(scenario).warnings, *_sampling(scenario, law)]
 
 
-def course(scenario: Scenario, most_s: float = inf) -> Course:
+def course(scenario: Scenario, most_s: float = inf, law: LawFactory = make) -> Course:
     """How fast the closed loop is on the way in; empty if the law does not lead there.
 
     Where that takes longer than ``most_s``, as far as it was followed.
@@ -73,7 +74,7 @@ def course(scenario: Scenario, most_s: float = inf) -> Course:
     Raises:
         LawFailed: the law raised.
     """
-    found = list(_Way(scenario).looks(time.monotonic() + most_s))
+    found = list(_Way(scenario, law).looks(time.monotonic() + most_s))
     return found if all(look.rate < inf for look in found) else []
 
 
@@ -87,10 +88,10 @@ def longest_period_s(course: Course) -> float:
     return inf
 
 
-def _sampling(scenario: Scenario) -> Iterator[str]:
+def _sampling(scenario: Scenario, law: LawFactory) -> Iterator[str]:
     period_s = scenario.clock.control_period_s
     try:
-        way = course(scenario, MOST_S)
+        way = course(scenario, MOST_S, law)
     except LawFailed as error:
         yield f"the law failed in the trial before the run: robot {error.robot}: {error}"
         return
@@ -177,7 +178,7 @@ class _Way:
     What is heard comes when it is broadcast, and as late as half of the messages do.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, law: LawFactory) -> None:
         back = [some.tick * scenario.clock.control_period_s for some in returns(scenario)]
         self._end_ns = nanoseconds(min(max([0.0, *back]) + HORIZON_S, scenario.duration_s))
         self._most_looks = LOOKS_BACK if back else LOOKS
@@ -190,7 +191,7 @@ class _Way:
         self._delays_ns = {link: _delay_ns(scenario, *link) for link in scenario.directed_links}
         self._neighbours = scenario.neighbours_of
         plan = resolve(scenario)
-        self._laws: dict[int, Law] = {robot: make(plan.situation(robot)) for robot in plan.ids}
+        self._laws: dict[int, Law] = {robot: law(plan.situation(robot)) for robot in plan.ids}
         self._bodies = {robot: Body.of(scenario.vehicles[robot]) for robot in scenario.ids}
         self._states = {robot: scenario.start_state(robot) for robot in scenario.ids}
         self._broadcasts: deque[tuple[int, dict[int, State]]] = deque()

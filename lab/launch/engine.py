@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, Protocol
 
+from formnet.agent.law_file import LawFile
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.records.stream import Sink
@@ -44,12 +45,16 @@ class Engine(Protocol):
         """
 
 
-def engine(name: EngineName, logs: Path | None = None) -> Engine:
-    """The engine called ``name``, all processes on this machine, logging into ``logs``."""
+def engine(name: EngineName, logs: Path | None = None, law: LawFile | None = None) -> Engine:
+    """The engine called ``name``, all processes on this machine, logging into ``logs``.
+
+    ``law`` is a file whose law every robot has, instead of the one that the plan names.
+    """
     if name == "inline":
+        from formnet.agent.law import make
         from formnet.lab.launch.inline import Inline
 
-        return Inline(logs)
+        return Inline(logs, law or make)
     from formnet.lab.launch.distributed import Distributed
 
-    return Distributed(logs)
+    return Distributed(logs, law=law)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from formnet.agent.law_file import LawFile
 from formnet.formation.briefing.plan import Plan
 from formnet.formation.records.checked import Malformed
 from formnet.formation.records.events import (
@@ -127,7 +128,8 @@ class Launch:
 
     The plant is told ``plan`` through its leash; nothing is read from a file. ``name`` is the
     run's id on the bus, ``logs`` where each child's standard error goes. ``endpoint`` is where the
-    plant listens; ``begun`` is told before the robots are started.
+    plant listens; ``begun`` is told before the robots are started. ``law`` is a file whose law
+    robots on this machine execute, if it is still what was read.
 
     Raises:
         OSError: ``logs`` cannot be made, or a process not be started.
@@ -142,6 +144,7 @@ class Launch:
         logs: Path,
         place: Place = HERE,
         begun: Begun = lambda *_: None,
+        law: LawFile | None = None,
     ) -> None:
         self._place = place
         self._sink = sink
@@ -160,6 +163,7 @@ class Launch:
         self._later_patience_s = FAREWELL_S + 3.0 * plan.run.patience_s  # ... once it runs
         self._written_off: set[int] = set()  # killed as planned, or lost: no cause for alarm
         self._lives: Counter[int] = Counter()
+        self._law = ["--law", law.argument, "--law-sha256", law.sha256] if law else []
         self._common = common = ["--run", name, "--leash"]
         paused = any(some.verb == "pause" for some in plan.roster().happenings())
         if place.endpoint is not None and not paused:  # a stopped process says nothing either
@@ -347,7 +351,7 @@ class Launch:
         arguments = ["agent", "--robot", str(robot), "--connect", self.endpoint, *self._common]
         name = self._log_of(robot)
         child = self._place.elsewhere(robot, arguments, self._logs / f"{name}.log")
-        return child or self._spawn(name, [*arguments, *self._place.options])
+        return child or self._spawn(name, [*arguments, *self._place.options, *self._law])
 
     def _log_of(self, robot: int) -> str:
         life = self._lives[robot]

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import NamedTuple
 
+from formnet.agent.law_file import LawFile
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
@@ -23,7 +24,7 @@ from formnet.lab.verdict.traffic import rejections
 class Trial(NamedTuple):
     """A run to do. ``twice``: it is run once more, in one process, and must give the same.
 
-    ``limit_s`` is how long it may take on the wall.
+    ``limit_s`` is how long it may take on the wall, ``law`` a file whose law robots have.
     """
 
     scenario: Scenario
@@ -32,6 +33,7 @@ class Trial(NamedTuple):
     engine: EngineName
     twice: bool
     limit_s: float
+    law: LawFile | None = None
 
 
 class Finding(NamedTuple):
@@ -69,10 +71,10 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
     """Do the run, twice if asked, and see whether all is well."""
     began = time.monotonic()
     scenario = scheduled(trial.scenario, trial.seed, trial.episodes)
-    run = _run(scenario, trial.limit_s, stopped, trial.engine)
+    run = _run(trial, scenario, stopped, trial.engine)
     problems = list(_problems(run, trial.limit_s))
     if trial.twice and not problems:
-        again = _run(scenario, trial.limit_s, stopped, "inline")
+        again = _run(trial, scenario, stopped, "inline")
         problems += _differences(run, again)
     judged = judge(run, mode=trial.engine, wall_s=0.0)
     errors = {name: judged.claims[name].largest_in_window for name in ERRORS}
@@ -82,8 +84,8 @@ def tried(trial: Trial, stopped: Stopped) -> Finding:
     return Finding(problems, trajectory_sha256(run.samples), errors, seconds)
 
 
-def _run(scenario: Scenario, limit_s: float, stopped: Stopped, how: EngineName) -> Collected:
-    deadline = time.monotonic() + limit_s
+def _run(trial: Trial, scenario: Scenario, stopped: Stopped, how: EngineName) -> Collected:
+    deadline = time.monotonic() + trial.limit_s
 
     def over() -> bool:
         return stopped() or time.monotonic() > deadline
@@ -91,7 +93,7 @@ def _run(scenario: Scenario, limit_s: float, stopped: Stopped, how: EngineName) 
     folder = Path(mkdtemp(prefix="formnet-nemesis-"))
     try:
         recording = Recording(folder / "run", scenario)
-        engine(how, folder / "logs").run(resolve(scenario), recording, over)
+        engine(how, folder / "logs", trial.law).run(resolve(scenario), recording, over)
         recording.close()
     finally:
         shutil.rmtree(folder)

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from formnet.agent.law import foreign, installed
+from formnet.agent.law_file import LawFile
 
 EXACT_IN_MATH = frozenset(
     {"sqrt", "floor", "ceil", "trunc", "fabs", "copysign", "isfinite", "isinf", "isnan", "isclose"}
@@ -16,11 +17,13 @@ EXACT_IN_MATH = frozenset(
 LIBRARIES = frozenset({"numpy", "scipy", "cmath", "statistics", "torch", "jax", "casadi", "numba"})
 
 
-def borrowed(kind: str) -> list[str]:
-    """What the module of the plug-in law ``kind`` calls of such, by name, ascending.
+def borrowed(kind: str, file: LawFile | None = None) -> list[str]:
+    """What the module of the plug-in law ``kind``, or its ``file``, calls of such, ascending.
 
     Empty for formnet's own laws. A module without source is named itself. It is read, not run.
     """
+    if file is not None:
+        return sorted(_names(ast.parse(file.source)))
     if not foreign(kind):
         return []
     module = installed()[kind].module

@@ -1,6 +1,6 @@
 """The verdict on a run: the model of ``verdict.json``, how it is computed, and what follows."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
@@ -83,6 +83,11 @@ class Verdict(Section):
     versions: dict[str, str | bool] = Field(
         description="What the run was made with; `compiled`: whether formnet was."
     )
+    code: dict[str, Sha256] = Field(
+        default={},
+        description="The files of code that the scenario names, each with the SHA-256 of what was "
+        "executed of it.",
+    )
 
     def error(self, name: str) -> float | None:
         """The error of one of Eqs. 3-5 at the end, in its unit."""
@@ -161,9 +166,15 @@ class Verdict(Section):
 
 
 def judge(
-    recording: "Collected", *, mode: str, wall_s: float, warnings: Sequence[str] = ()
+    recording: "Collected",
+    *,
+    mode: str,
+    wall_s: float,
+    warnings: Sequence[str] = (),
+    code: Mapping[str, str] | None = None,
 ) -> Verdict:
-    """The verdict on a run that ended; ``warnings`` are those that were given before it.
+    """The verdict on a run that ended; ``warnings`` are those that were given before it, and
+    ``code`` the files that were executed in it, with the SHA-256 of each.
 
     Equations 3-5 are about the robots that are up at the end; where none is, nothing is judged.
     """
@@ -218,6 +229,7 @@ def judge(
         realtime_factor=end.t_s / wall_s if wall_s > 0 else None,
         realtime=timing(recording.events),
         versions=versions(),
+        code=dict(code or {}),
     )
 
 

@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError, dumps
-from formnet.lab.forecast.checked import load_checked
+from formnet.lab.code.laws import NOTHING, Given
+from formnet.lab.forecast.checked import load_ready
 from formnet.lab.launch import pool
 from formnet.lab.launch.engine import EngineName
 from formnet.lab.launch.signals import stop_signals
@@ -40,20 +41,22 @@ def run_nemesis(
     limit_s: float,
     jobs: int | None,
     engine: EngineName,
+    given: Given = NOTHING,
 ) -> int:
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     try:
-        scenario, warnings = load_checked(path, overrides, partial(say_slow, console))
+        ready = load_ready(path, overrides, partial(say_slow, console), given=given)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
-    warn(console, warnings)
+    scenario = ready.scenario
+    warn(console, ready.warnings)
     refused = unfit(scenario)
     if refused is not None:
         console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
         return BAD_INPUT
-    repeat = _repeat(path, overrides, limit_s, engine)
+    repeat = _repeat(path, overrides, given, limit_s, engine)
     try:
         folder = claimed(out, "nemesis", partial(_begun, command=f"{repeat} {seed}\n"))
     except OSError as error:
@@ -67,6 +70,7 @@ def run_nemesis(
             engine,
             engine != "inline" or number % SAMPLE_EVERY == 0,
             limit_s,
+            ready.law,
         )
         for number in range(seed, seed + runs)
     ]
@@ -114,10 +118,14 @@ def _begun(folder: Path, command: str) -> Path:
     return folder
 
 
-def _repeat(path: Path, overrides: Sequence[str], limit_s: float, engine: EngineName) -> str:
+def _repeat(
+    path: Path, overrides: Sequence[str], given: Given, limit_s: float, engine: EngineName
+) -> str:
     """The command that repeats one run, up to its seed."""
     words = ["formnet", "nemesis", str(path)]
     words += [word for text in overrides for word in ("--set", text)]
+    words += ["--law", given.law] if given.law is not None else []
+    words += ["--allow-code"] if given.allow_code else []
     words += ["--inline"] if engine == "inline" else []
     return shlex.join([*words, "--limit", f"{limit_s:g}", "--runs", "1", "--seed"])
 

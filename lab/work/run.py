@@ -9,10 +9,12 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.agent.law import make
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import ScenarioError
-from formnet.lab.forecast.checked import load_checked
+from formnet.lab.code.laws import NOTHING, Given, executed
+from formnet.lab.forecast.checked import load_ready
 from formnet.lab.judge import lyapunov
 from formnet.lab.launch import live
 from formnet.lab.launch.distributed import Distributed
@@ -46,19 +48,21 @@ def run_scenario(
     drawn: bool = True,
     scene: bool = True,
     lookahead: bool = True,
+    given: Given = NOTHING,
 ) -> int:
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
 
     ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
     ``scene``: with ``run.rrd``; without, no process draws it. ``lookahead``: the law is tried
-    before.
+    before. ``given``: what the user says of code in files.
     """
     console = Console(stderr=True)
     try:
         if out is not None:
             check_free(out)  # before the work, not after it
         say = partial(say_slow, console)
-        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
+        ready = load_ready(path, overrides, say, given=given, lookahead=lookahead)
+        scenario, law, warnings = ready.scenario, ready.law, ready.warnings
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -76,6 +80,13 @@ def run_scenario(
         hosts = None if inline else where.hosts(scenario)
     except BadPlace as error:
         console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
+        return BAD_INPUT
+    if hosts is not None and law is not None:
+        console.print(
+            f"[red]law.kind:[/] {escape(law.file)} is a file here, and robots on other machines "
+            "have it not: install the law as a package there (docs/laws.md)",
+            soft_wrap=True,
+        )
         return BAD_INPUT
     from formnet.lab.watch.watcher import Watcher
 
@@ -107,7 +118,9 @@ def run_scenario(
                 return stopped.is_set()
 
             logs = recording.folder / "logs"
-            engine: Engine = Inline(logs) if inline else Distributed(logs, place, begun)
+            engine: Engine = (
+                Inline(logs, law or make) if inline else Distributed(logs, place, begun, law)
+            )
             try:
                 outcome = engine.run(resolve(scenario), watch.take, asked)
             except HostUnreachable as error:
@@ -116,7 +129,12 @@ def run_scenario(
             except OSError as error:
                 outcome = Outcome("broken", recording.now_ns(), None, in_words(error))
                 watch.take(outcome)
-        how = {"mode": engine.name, "wall_s": watch.wall_s, "warnings": warnings}
+        how = {
+            "mode": engine.name,
+            "wall_s": watch.wall_s,
+            "warnings": warnings,
+            "code": executed(law),
+        }
         code = _conclude(console, recording, shown, outcome, how, stopped.is_set, drawn=drawn)
         if watcher is not None:
             watcher.stay(stopped.is_set)

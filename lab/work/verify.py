@@ -8,10 +8,13 @@ from tempfile import TemporaryDirectory
 from rich.console import Console
 from rich.markup import escape
 
+from formnet.agent.law_file import LawFile
 from formnet.exact import ARITHMETIC_VERSION
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import ScenarioError
+from formnet.formation.scenario.model import Scenario
+from formnet.lab.code.laws import Given, NoLaw, law_of
 from formnet.lab.forecast.foresight import obstacle
 from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.signals import stop_signals
@@ -27,8 +30,11 @@ from formnet.lab.verdict.recorded import read_whole
 from formnet.netem.settings.timeline import NEVER
 
 
-def verify_runs(folders: Sequence[Path], how: EngineName) -> int:
-    """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all."""
+def verify_runs(folders: Sequence[Path], how: EngineName, law: str | None = None) -> int:
+    """Repeat every run and compare; the exit code of ``formnet verify``, the gravest of all.
+
+    ``law`` is the ``FILE:NAME`` of one that was code in a file.
+    """
     console = Console(highlight=False)
     codes = []
     with stop_signals() as stopped:
@@ -37,7 +43,7 @@ def verify_runs(folders: Sequence[Path], how: EngineName) -> int:
                 codes.append(INTERRUPTED)
                 break
             try:
-                codes.append(_verify(console, folder, stopped.is_set, how))
+                codes.append(_verify(console, folder, stopped.is_set, how, law))
             except ScenarioError as error:
                 report_problems(console, error)
                 codes.append(BAD_INPUT)
@@ -49,7 +55,13 @@ def verify_runs(folders: Sequence[Path], how: EngineName) -> int:
     return max(codes)
 
 
-def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: EngineName) -> int:
+def _verify(
+    console: Console,
+    folder: Path,
+    stopped: Callable[[], bool],
+    how: EngineName,
+    named: str | None,
+) -> int:
     recorded = read_whole(folder)
     judged = recorded.verdict
     assert judged is not None
@@ -60,7 +72,8 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
             f"has version {ARITHMETIC_VERSION}: formnet {writer} repeats it (in an environment of "
             f"its own: pip install 'formnet[lab]=={writer}')"
         )
-    problem = obstacle(recorded.scenario, partial(say_slow, console))
+    law = _law_of(recorded.scenario, named)
+    problem = obstacle(recorded.scenario, partial(say_slow, console), law)
     if problem is not None:
         raise Unreadable(f"law.kind = {recorded.scenario.law.kind!r}: {problem}")
     if recorded.scenario.clock.mode == "realtime":
@@ -88,7 +101,7 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
             again(record)
             waits.take(record)
 
-        repeating = engine(how, again.folder / "logs")
+        repeating = engine(how, again.folder / "logs", law)
         outcome = repeating.run(resolve(again.scenario), take, stopped, until_ns)
         again.close()
     if stopped():
@@ -106,7 +119,8 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
         found = found._replace(motion=other_extremes(judged.motion.model_dump(), again.motion))
     sealed = trajectory_sha256(recorded.samples) == judged.trajectory_sha256
     name = escape(str(folder))
-    _say_borrowed(console, recorded.scenario.law.kind)
+    _say_borrowed(console, recorded.scenario.law.kind, law)
+    _say_changed(console, judged, law)
     if found.identical and sealed:
         extent = (
             f": {len(samples)} samples, {len(recorded.link_rows)} messages"
@@ -132,11 +146,34 @@ def _verify(console: Console, folder: Path, stopped: Callable[[], bool], how: En
     return ONE_FAILS
 
 
-def _say_borrowed(console: Console, kind: str) -> None:
+def _law_of(scenario: Scenario, named: str | None) -> LawFile | None:
+    """The file of the law of a recorded run, if it was in one. Raises Unreadable."""
+    if scenario.law.file is None:
+        return None
+    try:
+        if named is None:
+            raise NoLaw("was code in a file, which is in no run folder: --law FILE:NAME names it")
+        return law_of(scenario.law, None, Given(named))
+    except NoLaw as error:
+        raise Unreadable(f"law.kind = {scenario.law.kind!r}: {error}") from None
+
+
+def _say_changed(console: Console, judged: Verdict, law: LawFile | None) -> None:
+    """Say that the file of a law is another now."""
+    for name, recorded in judged.code.items():
+        if law is not None and recorded != law.sha256:
+            console.print(
+                f"[yellow]{escape(name)} is not what was executed then:[/] its SHA-256 was "
+                f"{recorded}, and that of {escape(law.path)} is {law.sha256}",
+                soft_wrap=True,
+            )
+
+
+def _say_borrowed(console: Console, kind: str, law: LawFile | None) -> None:
     """Name a plug-in law whose bits are not formnet's to promise."""
-    if names := borrowed(kind):
+    if names := borrowed(kind, law):
         console.print(
-            f"[yellow]law.kind = {escape(repr(kind))} is a plug-in that uses "
+            f"[yellow]law.kind = {escape(repr(kind))} is a law that uses "
             f"{escape(', '.join(names))}:[/] its bits can depend on the processor and the versions "
             "of libraries; those of formnet.exact do not",
             soft_wrap=True,

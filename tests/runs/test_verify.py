@@ -289,4 +289,4 @@ def test_verify_names_a_plug_in_that_borrows(tmp_path, monkeypatch):
         monkeypatch.undo()
         installed.cache_clear()
     assert code == 0, said
-    assert "law.kind = 'lent2' is a plug-in that uses **, math.atan2, math.sin, numpy" in said
+    assert "law.kind = 'lent2' is a law that uses **, math.atan2, math.sin, numpy" in said

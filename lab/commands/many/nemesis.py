@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from formnet.lab.commands.options import (
+    ALLOW_CODE,
     INLINE_RUNS,
     JOBS,
+    LAW,
     OVERRIDE,
     SCENARIO,
     Command,
@@ -45,6 +47,8 @@ if TYPE_CHECKING:
     help="Time limit of a run (wall time); a longer one counts as hung.",
 )
 @JOBS
+@LAW
+@ALLOW_CODE
 def command(
     scenario: Path,
     overrides: tuple[str, ...],
@@ -54,6 +58,8 @@ def command(
     out: Path | None,
     limit_s: float,
     jobs: int | None,
+    law: str | None,
+    allow_code: bool,
 ) -> None:
     """Test SCENARIO with random failures.
 
@@ -65,6 +71,8 @@ def command(
     3: nemesis itself failed; 130: interrupted.
     """
     need_inline(jobs, engine)
+    from formnet.lab.code.laws import Given
     from formnet.lab.work.nemesis import run_nemesis
 
-    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine))
+    given = Given(law, allow_code)
+    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine, given))

@@ -34,6 +34,12 @@ from formnet.lab.commands.options import (
 @KEYS
 @PLAINTEXT
 @LEASE
+@click.option(
+    "--law",
+    metavar="FILE:NAME",
+    help="Execute this law, code in a file, instead of the one that the scenario names.",
+)
+@click.option("--law-sha256", metavar="HEX", help="Only if the file's SHA-256 is this.")
 def command(
     robot: int,
     connect: str,
@@ -42,10 +48,14 @@ def command(
     keys: Path | None,
     plaintext: bool,
     lease_s: float,
+    law: str | None,
+    law_sha256: str | None,
 ) -> None:
     """Run the process of one robot."""
     if lease_s < LONGEST_LEASE_S:  # one that is gone must not hold up the others
         threads.many()
+    from formnet.agent.law import UnknownLaw, make
+    from formnet.agent.law_file import LawFile
     from formnet.agent.process import main as agent_main
     from formnet.formation.wire.bus import BusError
     from formnet.formation.wire.security import KeysError
@@ -60,7 +70,8 @@ def command(
                 keys=keys,
                 plaintext=plaintext,
                 lease_s=lease_s,
+                law=make if law is None else LawFile.read(law, law_sha256),
             )
         )
-    except (BusError, KeysError) as error:
+    except (BusError, KeysError, UnknownLaw) as error:
         fail(3, str(error))

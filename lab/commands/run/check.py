@@ -2,23 +2,50 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from formnet.lab.commands.options import NO_LOOKAHEAD, OVERRIDE, SCENARIO, Command
+from formnet.lab.commands.options import (
+    ALLOW_CODE,
+    LAW,
+    NO_LOOKAHEAD,
+    OVERRIDE,
+    SCENARIO,
+    Command,
+)
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
+
+if TYPE_CHECKING:
+    from formnet.lab.code.laws import Given
 
 
 @click.command("check", cls=Command)
 @SCENARIO
 @OVERRIDE
 @NO_LOOKAHEAD
-def command(scenario: Path, overrides: tuple[str, ...], no_lookahead: bool) -> None:
-    """Validate SCENARIO; print what the theory predicts."""
-    sys.exit(check_scenario(scenario, overrides, lookahead=not no_lookahead))
+@LAW
+@ALLOW_CODE
+def command(
+    scenario: Path,
+    overrides: tuple[str, ...],
+    no_lookahead: bool,
+    law: str | None,
+    allow_code: bool,
+) -> None:
+    """Validate SCENARIO; print what the theory predicts.
+
+    A law that is code in a file is named, and executed only if that is allowed.
+    """
+    from formnet.lab.code.laws import Given
+
+    given = Given(law, allow_code)
+    sys.exit(check_scenario(scenario, overrides, given, lookahead=not no_lookahead))
 
 
-def check_scenario(path: Path, overrides: tuple[str, ...], *, lookahead: bool) -> int:
+def check_scenario(
+    path: Path, overrides: tuple[str, ...], given: "Given", *, lookahead: bool
+) -> int:
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
     from functools import partial
 
@@ -33,13 +60,15 @@ def check_scenario(path: Path, overrides: tuple[str, ...], *, lookahead: bool) -
     troubles = Console(stderr=True)
     try:
         say = partial(say_slow, troubles)
-        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
+        found = load_checked(path, overrides, say, given=given, lookahead=lookahead)
     except ScenarioError as error:
         report_problems(troubles, error)
         return BAD_INPUT
     console = Console(highlight=False)
     console.print(f"{escape(str(path))}: valid", soft_wrap=True)
-    for line in [*describe(scenario), *describe_plan(scenario)]:
+    for line in [*describe(found.scenario), *describe_plan(found.scenario)]:
         console.print(escape(line), soft_wrap=True)
-    warn(console, warnings)
+    if found.refused is not None:
+        console.print(f"[yellow]not executed:[/] {escape(found.refused)}", soft_wrap=True)
+    warn(console, found.warnings)
     return ALL_HOLD

@@ -6,7 +6,9 @@ from pathlib import Path
 import click
 
 from formnet.lab.commands.options import (
+    ALLOW_CODE,
     KEYS,
+    LAW,
     NO_LOOKAHEAD,
     OVERRIDE,
     PLAINTEXT,
@@ -49,6 +51,8 @@ from formnet.lab.commands.options import (
 )
 @click.option("--no-scene", is_flag=True, help="Do not write run.rrd, which formnet replay shows.")
 @NO_LOOKAHEAD
+@LAW
+@ALLOW_CODE
 def command(
     scenario: Path,
     out: Path | None,
@@ -63,6 +67,8 @@ def command(
     no_figures: bool,
     no_scene: bool,
     no_lookahead: bool,
+    law: str | None,
+    allow_code: bool,
 ) -> None:
     """Run SCENARIO and judge it.
 
@@ -78,6 +84,7 @@ def command(
         )
     if inline and (view or web):
         raise click.UsageError("--inline cannot be watched live; use formnet replay RUN afterwards")
+    from formnet.lab.code.laws import Given
     from formnet.lab.machines.place import Where
     from formnet.lab.work.run import run_scenario
 
@@ -94,5 +101,6 @@ def command(
             drawn=not no_figures,
             scene=not no_scene,
             lookahead=not no_lookahead,
+            given=Given(law, allow_code),
         )
     )
