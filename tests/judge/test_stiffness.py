@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import partial
 from math import inf
 
 import pytest
@@ -109,15 +110,14 @@ def test_check_and_run_warn_with_numbers_that_help(root, tmp_path):
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit])
-def test_a_law_that_raises_is_warned_of(root, monkeypatch, error):
+def test_a_law_that_raises_is_warned_of(root, error):
     class Broken:
         def command(self, now_ns, own, heard):
             raise error("none")
 
     scenario = load(root / "configs" / "yard.toml")
-    monkeypatch.setattr(stiffness, "make", lambda situation: Broken())
     said = f"the law failed in the trial before the run: robot 1: {error.__name__}: none (test_stiffness"
-    assert warnings(scenario)[-1].startswith(said)
+    assert warnings(scenario, lambda situation: Broken())[-1].startswith(said)
 
 
 RETURN = 'timeline=[{action="kill", at_s=5.0, robots=3, restart_after_s=20.0}]'
@@ -150,7 +150,7 @@ def test_a_robot_that_comes_back_late_is_looked_at(monkeypatch):
     assert not [warning for warning in warnings(fleet("timeline=[]")) if "too long" in warning]
 
 
-def test_any_law_is_looked_at(root, monkeypatch):
+def test_any_law_is_looked_at(root):
     """A turn rate of −k θ under zero-order hold is stable up to h = 2 / k."""
 
     class Turning:
@@ -158,8 +158,9 @@ def test_any_law_is_looked_at(root, monkeypatch):
             return Command(0.0, -8.0 * own.heading_rad)
 
     scenario = load(root / "configs" / "paper" / "theorem1.toml")
-    monkeypatch.setattr(stiffness, "make", lambda situation: Turning())
-    assert longest_period_s(course(scenario)) == pytest.approx(2.0 / 8.0)
+    assert longest_period_s(course(scenario, law=lambda situation: Turning())) == pytest.approx(
+        2.0 / 8.0
+    )
 
 
 def test_a_law_that_takes_its_time_is_not_followed_for_long(root, monkeypatch):
@@ -172,12 +173,12 @@ def test_a_law_that_takes_its_time_is_not_followed_for_long(root, monkeypatch):
             return Command(0.0, -8.0 * own.heading_rad)
 
     scenario = load(root / "configs" / "paper" / "theorem1.toml")
-    monkeypatch.setattr(stiffness, "make", lambda situation: Slow())
+    followed = partial(course, scenario, law=lambda situation: Slow())
     monkeypatch.setattr(stiffness.time, "monotonic", lambda: clock[0])
-    assert len(course(scenario, 100.0)) == 2
+    assert len(followed(100.0)) == 2
     assert clock[0] == 2 * 55.0
-    assert len(course(scenario, 0.0)) == 1
-    assert len(course(scenario)) > 2
+    assert len(followed(0.0)) == 1
+    assert len(followed()) > 2
 
 
 RATES = st.floats(1e-3, 1e9)
