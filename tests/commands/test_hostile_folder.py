@@ -75,6 +75,17 @@ def test_no_process_of_a_command_executes_what_lies_there(received, code, words)
 
 
 @pytest.mark.processes
+def test_python_m_formnet_executes_nothing_that_lies_there_once_it_runs(received):
+    """Python itself takes ``formnet``, and what it needs to start it, from the working directory."""
+    for name in ("formnet", "typing", "json", "signal", "selectors", "multiprocessing"):
+        (received / f"{name}.py").unlink()
+    words = [sys.executable, "-m", "formnet", "check", "scenario.toml"]
+    done = subprocess.run(words, cwd=received, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert executed(received) == []
+
+
+@pytest.mark.processes
 def test_verify_and_the_pages_of_a_run_execute_nothing_either(received):
     assert called(received, "run", "scenario.toml", *SHORT, "--out", "out")[0] == 1
     for words in (["verify", "out"], ["report", "out"], ["plot", "out"], ["list", "."]):
