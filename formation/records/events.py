@@ -182,7 +182,10 @@ class Lost(Event, name="lost", severity=Severity.ERROR):
 
 @dataclass(frozen=True)
 class HostLost(Event, name="host lost", severity=Severity.ERROR):
-    """The connection to a machine has ended, and with it the processes of ``robots``."""
+    """The connection to a machine has ended, and with it the processes of ``robots``.
+
+    ``host`` is its number in the file of hosts (``host 2``), not its name.
+    """
 
     host: str
     robots: tuple[RobotId, ...]
@@ -225,7 +228,10 @@ class Rejected(Event, name="rejected", severity=Severity.WARNING):
 
 @dataclass(frozen=True)
 class Refused(Event, name="refused", severity=Severity.WARNING):
-    """The hub denied ``key`` to the certificate's name ``who``: ``times`` so far, at least."""
+    """The hub denied ``key`` to ``who``: ``times`` so far, at least.
+
+    That is a party, or the common name of a certificate that does not count.
+    """
 
     who: str
     key: str

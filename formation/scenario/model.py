@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from formnet.formation.formats.migration import FORMAT
+from formnet.formation.machines.hosts import Hosts
 from formnet.formation.plan.fault import spans_of
 from formnet.formation.plan.roster import Roster
 from formnet.formation.plan.timeline import PlanEntry, TimelineAction, effects, plan_of
@@ -19,7 +20,6 @@ from formnet.formation.scenario.clock import Clock
 from formnet.formation.scenario.expect import Expect
 from formnet.formation.scenario.failures import Plant, Run
 from formnet.formation.scenario.graph import Formation
-from formnet.formation.scenario.hosts import Hosts
 from formnet.formation.scenario.law import LawSettings
 from formnet.formation.scenario.network import Neighbours, Network
 from formnet.formation.scenario.robots import RobotTable, Vehicle

@@ -124,7 +124,7 @@ def session(
     if credentials is not None:
         config["transport"]["link"]["tls"] = credentials.tls(listening=listen is not None)
         if listen:
-            config["access_control"] = access_control(robots)
+            config["access_control"] = access_control(robots, credentials.generations())
     try:
         opened = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:

@@ -1,26 +1,36 @@
 """Who may say what: certificates by name, and the hub's access control.
 
-Every party has a certificate of one authority, whose common name says who it is: ``plant``,
-``robot-3``, ``monitor``. The hub (the plant's session) checks it (mutual TLS) and lets each
-party put and hear only what is its own. Files of a folder of keys: ``ca.pem``, and for each
-party ``<name>.pem`` and ``<name>-key.pem`` (mode 0600).
+Every party has a certificate of one authority, whose common name says who it is, and which of its
+certificates that is: ``plant.1``, ``robot-3.2``, ``monitor.1``. The hub (the plant's session)
+checks it (mutual TLS) and lets each party put and hear only what is its own, if its certificate
+is the one that counts (:mod:`formation.machines.generations`). Files of a folder of keys:
+``ca.pem``, ``generations.json`` where the plant is, and for each party ``<name>.pem`` and
+``<name>-key.pem`` (mode 0600).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from os.path import lexists
 from pathlib import Path
 from typing import Any
+
+from formnet.formation.machines import generations
+from formnet.formation.machines.custody import (
+    AUTHORITY,
+    AUTHORITY_KEY,
+    KeysError,
+    check_file,
+    check_folder,
+)
+from formnet.formation.machines.generations import Generations
+from formnet.formation.machines.matching import check_pair, common_name_of
 
 PLANT, MONITOR = "plant", "monitor"
 
 
 def robot_name(robot: int) -> str:
-    """The common name of a robot's certificate."""
+    """The name of a robot in certificates."""
     return f"robot-{robot}"
-
-
-class KeysError(ValueError):
-    """A folder of keys lacks something; the text says what, and how to get it."""
 
 
 @dataclass(frozen=True)
@@ -28,23 +38,49 @@ class Credentials:
     """The certificate and the private key of ``name``, and the authority's certificate.
 
     Raises:
-        KeysError: one of the files is not there, or others may read the private key.
+        KeysError: a file is not there or a link; the folder or a file is another user's, or others
+            may change it, or read a private key; key, certificate and authority do not belong
+            together; or the certificate is not one of ``name`` that counts.
     """
 
     folder: Path
     name: str
 
     def __post_init__(self) -> None:
-        for path in (self.authority, self.certificate, self.private_key):
-            if not path.is_file():
-                raise KeysError(f"{path} is missing: make it with `formnet keys init`")
-        if self.private_key.stat().st_mode & 0o077:
-            raise KeysError(f"{self.private_key} can be read by others: chmod 600 it")
+        check_folder(self.folder)
+        check_file(self.authority, secret=False)
+        signing = self.folder / AUTHORITY_KEY
+        if lexists(signing):
+            check_file(signing, secret=True)
+            check_pair(self.authority, signing, "copy both again from where they were made")
+        renew = f"where {AUTHORITY_KEY} is, `formnet keys renew DIR {self.name}` makes another"
+        check_file(self.certificate, secret=False)
+        check_file(self.private_key, secret=True, make=renew)
+        common = common_name_of(self.authority, self.certificate, self.private_key, renew)
+        name, generation = generations.parted(common)
+        if name != self.name:
+            raise KeysError(f"{self.certificate} is of {common!r}", renew)
+        if generation == 0:
+            raise KeysError(
+                f"{self.certificate} was made by an earlier version and has no generation",
+                f"where {AUTHORITY_KEY} is, `formnet keys renew DIR` makes all again",
+            )
+        known = name == PLANT or lexists(self.folder / generations.FILE)  # hosts need not know
+        if known and self.generations().admitted(name) != common:
+            raise KeysError(f"{self.certificate} ({common}) is revoked or was renewed", renew)
+
+    def generations(self) -> Generations:
+        """Which certificates the hub admits.
+
+        Raises:
+            KeysError: it cannot be known.
+        """
+        return Generations.read(self.folder)
 
     @property
     def authority(self) -> Path:
         """The certificate that all others are checked against."""
-        return self.folder / "ca.pem"
+        return self.folder / AUTHORITY
 
     @property
     def certificate(self) -> Path:
@@ -67,33 +103,28 @@ class Credentials:
         }
 
 
-def access_control(robots: Iterable[int]) -> dict[str, Any]:
+def access_control(robots: Iterable[int], counting: Generations) -> dict[str, Any]:
     """Zenoh's ``access_control`` for a hub: nothing is allowed but what stands here.
 
     A robot puts on its own keys and hears the plant and other robots; a monitor hears
-    what robots broadcast and what is recorded, and puts nothing.
+    what robots broadcast and what is recorded, and puts nothing. A certificate that is not
+    ``counting`` is allowed nothing.
 
     Runs have keys ``formnet/<run>/...``.
     """
-    rules: list[dict[str, Any]] = []
-    subjects, policies = [], []
+    allowed: dict[str, list[dict[str, Any]]] = {}
     for robot in robots:
         name = robot_name(robot)
-        own = [f"formnet/*/from-robot/{robot}", f"formnet/*/broadcast/{robot}"]
-        heard = [f"formnet/*/to-robot/{robot}", "formnet/*/broadcast/*"]
-        mine = list(
+        allowed[name] = list(
             _rules(
                 name,
-                puts=own,
-                hears=heard,
+                puts=[f"formnet/*/from-robot/{robot}", f"formnet/*/broadcast/{robot}"],
+                hears=[f"formnet/*/to-robot/{robot}", "formnet/*/broadcast/*"],
                 alive=f"formnet/*/alive/robot/{robot}",
                 watches=["formnet/*/alive/plant"],
             )
         )
-        rules += mine
-        subjects.append({"id": name, "cert_common_names": [name]})
-        policies.append({"rules": [rule["id"] for rule in mine], "subjects": [name]})
-    watching = list(
+    allowed[MONITOR] = list(
         _rules(
             MONITOR,
             puts=[],
@@ -103,15 +134,16 @@ def access_control(robots: Iterable[int]) -> dict[str, Any]:
             asks=["formnet/*/history"],
         )
     )
-    rules += watching
-    subjects.append({"id": MONITOR, "cert_common_names": [MONITOR]})
-    policies.append({"rules": [rule["id"] for rule in watching], "subjects": [MONITOR]})
+    admitted = {name: counting.admitted(name) for name in allowed}
+    known = {name: common for name, common in admitted.items() if common is not None}
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
+        "rules": [rule for name in known for rule in allowed[name]],
+        "subjects": [{"id": name, "cert_common_names": [common]} for name, common in known.items()],
+        "policies": [
+            {"rules": [rule["id"] for rule in allowed[name]], "subjects": [name]} for name in known
+        ],
     }
 
 

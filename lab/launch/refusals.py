@@ -11,6 +11,7 @@ from collections import Counter
 from typing import NamedTuple
 
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.machines.generations import Generations
 from formnet.formation.wire.bus import Keys
 from formnet.formation.wire.security import MONITOR, robot_name
 
@@ -27,7 +28,10 @@ _DENIED = re.compile(
 
 
 class Refusal(NamedTuple):
-    """``who`` (a certificate's name) was denied ``key``, so often up to now (at least)."""
+    """``who`` was denied ``key``, so often up to now (at least).
+
+    It is the name of a party or, with a certificate that does not count, its common name.
+    """
 
     who: str
     key: str
@@ -35,9 +39,9 @@ class Refusal(NamedTuple):
 
 
 class Refusals:
-    """Reads the log of the hub of ``run``, line by line."""
+    """Reads the log of the hub of ``run``, which admits what is ``counting``, line by line."""
 
-    def __init__(self, plan: Plan, run: str) -> None:
+    def __init__(self, plan: Plan, run: str, counting: Generations) -> None:
         keys = Keys(run)
         self._common = {
             robot_name(robot): {
@@ -58,6 +62,7 @@ class Refusals:
             *(keys.broadcast(robot) for robot in plan.ids),
             *(keys.robot_alive(robot) for robot in plan.ids),
         }
+        self._names = {counting.admitted(name): name for name in self._common}
         self._times: Counter[tuple[str, str, str]] = Counter()
         self._told: Counter[tuple[str, str]] = Counter()
 
@@ -72,7 +77,10 @@ class Refusals:
         denied = _DENIED.search(line)
         if denied is None:
             return None, None
-        who, what, key = denied["who"], denied["what"], denied["key"]
+        what, key = denied["what"], denied["key"]
+        who = self._names.get(denied["who"], denied["who"])
+        if who in self._common and who == denied["who"]:  # of an earlier version
+            who = f"{who}.0"
         self._times[who, key, what] += 1
         times = self._times[who, key, what]
         least = MANY if key in self._common.get(who, ()) else 1

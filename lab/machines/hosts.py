@@ -6,6 +6,7 @@ thread of its own.
 """
 
 import asyncio
+import re
 import shlex
 import signal
 import threading
@@ -15,7 +16,7 @@ from typing import Any, TypeVar
 
 import asyncssh
 
-from formnet.formation.scenario.hosts import Host
+from formnet.formation.machines.hosts import Host
 from formnet.lab.launch.interpreter import SAFE
 
 # asyncssh leaves a coroutine behind when a connection is cut off; nobody needs to know.
@@ -114,17 +115,13 @@ class Fleet:
         known = self._connections.get(host.name)
         if known is not None and not known.is_closed():
             return known
-        user, _, address = host.ssh.rpartition("@")
-        name, port = address, 0
-        if address.count(":") == 1:
-            name, _, digits = address.partition(":")
-            port = int(digits)
+        user, address, port = host.target
         options: dict[str, Any] = {"username": user} if user else {}
         if port:
             options["port"] = port
         connection = await asyncio.wait_for(
             asyncssh.connect(
-                name, keepalive_interval=KEEPALIVE_S, keepalive_count_max=KEEPALIVES, **options
+                address, keepalive_interval=KEEPALIVE_S, keepalive_count_max=KEEPALIVES, **options
             ),
             CONNECT_S,
         )
@@ -151,7 +148,7 @@ class RemoteChild:
         """Pass its output on to its end. The first line is its process's id."""
         try:
             async for line in self._process.stdout:
-                if self._pid is None and line.strip().isdigit():
+                if self._pid is None and re.fullmatch(r"[0-9]{1,9}\s*", line):
                     self._pid = int(line)
                 else:
                     log(line)

@@ -9,11 +9,25 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, FiniteFloat
+
+from formnet.formation.machines.custody import KeysError
 from formnet.formation.wire.messages import PROTOCOL
-from formnet.formation.wire.security import Credentials, KeysError, robot_name
+from formnet.formation.wire.security import Credentials, robot_name
 from formnet.lab.runs.build import compiled
 
 REACH_S = 5.0
+
+
+class Answer(BaseModel):
+    """What a probe prints, or a program that only claims to be one; see :func:`probe`."""
+
+    protocol: int
+    compiled: bool
+    packages: dict[str, str]
+    unix_s: FiniteFloat
+    reach: str = ""
+    keys: dict[str, dict[str, str]] = {}
 
 
 def probe(reach: str | None, keys: Path | None, names: list[str]) -> dict[str, Any]:
@@ -31,18 +45,21 @@ def probe(reach: str | None, keys: Path | None, names: list[str]) -> dict[str, A
 
 
 def certificate(folder: Path, name: str) -> dict[str, Any]:
-    """The certificate of ``name`` and its authority's, in PEM, and its file; or the ``problem``.
+    """The certificate of ``name`` and its authority's, in PEM, and its file; or the ``problem``
+    and its ``remedy``.
 
     They are public. Whoever asks looks into them, so that a host needs no package for it.
     """
     try:
-        credentials = Credentials(folder.expanduser(), name)
+        credentials = Credentials(folder, name)
         return {
             "file": str(credentials.certificate),
             "certificate": credentials.certificate.read_text(encoding="ascii"),
             "authority": credentials.authority.read_text(encoding="ascii"),
         }
-    except (KeysError, OSError, UnicodeDecodeError) as error:
+    except KeysError as error:
+        return {"problem": error.problem, "remedy": error.remedy}
+    except (OSError, UnicodeDecodeError) as error:
         return {"problem": str(error)}
 
 

@@ -4,8 +4,8 @@ import errno
 import os
 import secrets
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -66,6 +66,25 @@ def replace(path: Path, data: str | bytes) -> None:
             if stat.S_IMODE(before):
                 part.chmod(stat.S_IMODE(before))
             part.replace(target)
+
+
+def replace_all(new: Sequence[tuple[Path, bytes, int]]) -> None:
+    """Write files with their permissions in the place of what is there, links included.
+
+    All are on the disk before the first takes its place, and they take it in this order.
+
+    Raises:
+        OSError: one cannot be written, and none was replaced; or one cannot be replaced.
+            ``filename`` is its path.
+    """
+    with ExitStack() as parts:
+        ready = []
+        for path, content, mode in new:
+            with _blamed_on(path):
+                ready.append((parts.enter_context(_part(path.parent, content, mode)), path))
+        for part, path in ready:
+            with _blamed_on(path):
+                part.replace(path)
 
 
 def reading(path: Path, most_bytes: int = MOST_BYTES) -> IO[bytes]:

@@ -1,6 +1,5 @@
 """``formnet doctor``: what a run over these hosts needs and lacks, and what to do about it."""
 
-import json
 import os
 import shlex
 import socket
@@ -14,10 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from formnet.formation.scenario.hosts import Host, Hosts, HostsError, load_hosts
+from formnet.formation.machines.custody import KeysError
+from formnet.formation.machines.generations import Generations, parties
+from formnet.formation.machines.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.wire.security import MONITOR, PLANT
 from formnet.lab.launch.interpreter import SAFE
-from formnet.lab.machines.probe import certificate, probe
+from formnet.lab.machines.probe import Answer, certificate, probe
 from formnet.lab.runs.build import install, missing
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN
 from formnet.lab.scene.viewer import ViewerFailed, binary
@@ -33,13 +34,17 @@ _PROBE_S = 30.0
 
 
 class Check(NamedTuple):
-    """One thing that was looked at: ``problem`` is empty if it is as it should be."""
+    """One thing that was looked at: ``problem`` is empty if it is as it should be.
+
+    ``soon``: it will not be for long.
+    """
 
     where: str
     what: str
     found: str
     problem: str = ""
     remedy: str = ""
+    soon: bool = False
 
 
 def examine(path: Path | None, keys: Path | None) -> int:
@@ -54,10 +59,12 @@ def examine(path: Path | None, keys: Path | None) -> int:
     bad = 0
     for check in checks(hosts, keys):
         mark = click.style("✗", fg="red") if check.problem else click.style("✓", fg="green")
+        if check.soon:
+            mark = click.style("!", fg="yellow")
         told = check.problem or check.found
         click.echo(f"{mark} {check.where}: {check.what}: {told}")
-        if check.problem:
-            bad += 1
+        bad += bool(check.problem)
+        if check.problem or check.soon:
             click.echo(f"    {click.style(check.remedy, bold=True)}")
     click.echo("no problems found" if not bad else f"problems: {bad}")
     return BROKEN if bad else ALL_HOLD
@@ -77,8 +84,8 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
     if not missing("lab"):
         yield from _watching()
     if keys is not None:
-        for name in (PLANT, MONITOR):
-            yield from _certificate("here", name, certificate(keys, name), None)
+        for name in sorted({PLANT, MONITOR, *(parties(keys) if keys.is_dir() else ())}):
+            yield _certificate("here", name, certificate(keys, name), None)
     if hosts is None:
         return
     try:
@@ -95,9 +102,9 @@ def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:
             "stop the program that listens there, or choose another address or port of this "
             "machine as `listen` in the hosts file",
         )
-        authority = None if keys is None else _authority(keys)
+        plant = None if keys is None else _plant(keys)
         for host in hosts.hosts:
-            yield from _of_host(fleet, host, hosts.listen, here, authority, open_=not trouble)
+            yield from _of_host(fleet, host, hosts.listen, here, plant, open_=not trouble)
 
 
 def _watching() -> Iterator[Check]:
@@ -117,7 +124,7 @@ def _of_host(
     host: Host,
     listen: str,
     here: dict[str, Any],
-    authority: str | None,
+    plant: "Plant | None",
     *,
     open_: bool,
 ) -> Iterator[Check]:
@@ -146,13 +153,14 @@ def _of_host(
     ]
     if host.keys is not None:
         command += ["--keys", host.keys, "--robots", ",".join(map(str, host.robots))]
+    said = ""
     try:
         before_s = time.time()
-        code, said = fleet.run(host, shlex.join(command), _PROBE_S)
+        _, said = fleet.run(host, shlex.join(command), _PROBE_S)
         after_s = time.time()
-        there = json.loads(said.splitlines()[-1])
+        there = Answer.model_validate_json(said.splitlines()[-1]).model_dump()
     except (HostLost, ValueError, IndexError) as error:
-        reason = said.splitlines()[-1] if code and said else str(error)
+        reason = said.splitlines()[-1][:200] if said else str(error)
         yield Check(
             host.name,
             "formnet",
@@ -173,7 +181,7 @@ def _of_host(
             "address by which it can reach this machine",
         )
     for name, found in there.get("keys", {}).items():
-        yield from _certificate(host.name, name, found, authority)
+        yield _certificate(host.name, name, found, plant)
 
 
 def _versions(found: dict[str, Any]) -> str:
@@ -211,54 +219,52 @@ def _clock(host: Host, before_s: float, there_s: float, after_s: float) -> Check
     )
 
 
-def _certificate(
-    where: str, name: str, found: dict[str, Any], authority: str | None
-) -> Iterator[Check]:
+def _certificate(where: str, name: str, found: dict[str, Any], plant: "Plant | None") -> Check:
+    """What ``found`` says of a certificate, which must be one that ``plant`` admits, if known."""
     from formnet.lab.machines.certificates import BadCertificate, examine
 
     what = f"certificate of {name}"
     try:
         seen = examine(found)
     except BadCertificate as error:
-        yield Check(
+        return Check(where, what, "", str(error), error.remedy)
+    if plant is not None and seen.authority_sha256 != plant.authority_sha256:
+        problem = "is signed by another authority than the plant's"
+        return Check(where, what, "", problem, "copy ca.pem and certificates signed by it there")
+    if plant is not None and plant.counting.admitted(name) != seen.common_name:
+        return Check(
             where,
             what,
             "",
-            str(error),
-            "make the missing files where ca-key.pem is (`formnet keys init`), and copy "
-            f"ca.pem, {name}.pem and {name}-key.pem there",
+            f"{seen.common_name} is revoked or was renewed",
+            f"copy {name}.pem and {name}-key.pem there; if there are no newer ones where "
+            f"ca-key.pem is, `formnet keys renew DIR {name}` makes them",
         )
-        return
-    left_s = seen.expires.timestamp() - time.time()
-    ends = seen.expires.isoformat(timespec="minutes")
-    if left_s < 0.0:
-        yield Check(
-            where,
-            what,
-            "",
-            f"expired {ends}",
-            f"delete {name}.pem and {name}-key.pem where ca-key.pem is, make them again "
-            "(`formnet keys init`) and copy them there",
-        )
-    elif authority is not None and seen.authority_sha256 != authority:
-        yield Check(
-            where,
-            what,
-            "",
-            "is signed by another authority than the plant's",
-            "copy ca.pem and certificates signed by it there",
-        )
+    found_it = f"{seen.common_name}, valid until {seen.expires.isoformat(timespec='minutes')}"
+    if seen.expires.timestamp() - time.time() > SOON_S:
+        return Check(where, what, found_it)
+    if seen.authority_expires == seen.expires:
+        remedy = "its authority ends then: make a new one in another folder (`formnet keys init`)"
     else:
-        yield Check(where, what, f"valid until {ends}" + (", soon" if left_s < SOON_S else ""))
+        remedy = f"where ca-key.pem is: `formnet keys renew DIR {name}`; copy its files there"
+    return Check(where, what, f"{found_it}, soon", remedy=remedy, soon=True)
 
 
-def _authority(keys: Path) -> str | None:
-    """The SHA-256 of the authority of the plant's certificate; None if that is invalid."""
+class Plant(NamedTuple):
+    """What the plant accepts: certificates of one authority, those that count."""
+
+    authority_sha256: str
+    counting: Generations
+
+
+def _plant(keys: Path) -> Plant | None:
+    """What it accepts with its keys in ``keys``; None if they are invalid."""
     from formnet.lab.machines.certificates import BadCertificate, examine
 
     try:
-        return examine(certificate(keys, PLANT)).authority_sha256
-    except BadCertificate:
+        sha256 = examine(certificate(keys, PLANT)).authority_sha256
+        return Plant(sha256, Generations.read(keys))
+    except (BadCertificate, KeysError):
         return None
 
 

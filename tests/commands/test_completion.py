@@ -189,7 +189,7 @@ def test_commands():
     assert ("plain", "check") in completed("ch")
     assert completed("ne") == [("plain", "nemesis"), ("plain", "netem-bridge"), ("plain", "new")]
     assert [value for _, value in completed("")] == sorted(LINES)
-    assert completed("keys", "") == [("plain", "init")]
+    assert completed("keys", "") == [("plain", name) for name in ("init", "renew", "revoke")]
 
 
 def test_options():

@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from formnet.formation.scenario.hosts import HostsError, load_hosts
+from formnet.formation.machines.hosts import HostsError, load_hosts
 from formnet.formation.scenario.loading import ScenarioError, load, loads
 from formnet.netem import LinkSettings
 from formnet.netem.bridge import lanes

@@ -216,7 +216,7 @@ def test_keys_come_in_pairs_even_where_there_is_no_room(here, name):
     told = subprocess.run([sys.executable, "-c", KEYS, name], capture_output=True, text=True)
     assert told.stdout == f"keys/{name} File too large\n", told.stderr
     there = sorted(
-        path.name.removesuffix(".pem").removesuffix("-key") for path in here.glob("keys/*")
+        path.name.removesuffix(".pem").removesuffix("-key") for path in here.glob("keys/*.pem")
     )
     assert there == sorted(2 * list(dict.fromkeys(there)))
     assert CliRunner().invoke(main, ["keys", "init", "keys", "--robots", "1"]).exit_code == 0

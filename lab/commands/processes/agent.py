@@ -57,8 +57,8 @@ def command(
     from formnet.agent.law import UnknownLaw, make
     from formnet.agent.law_file import LawFile
     from formnet.agent.process import main as agent_main
+    from formnet.formation.machines.custody import KeysError
     from formnet.formation.wire.bus import BusError
-    from formnet.formation.wire.security import KeysError
 
     try:
         sys.exit(

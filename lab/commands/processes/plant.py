@@ -82,9 +82,9 @@ def command(
     if lease_s < LONGEST_LEASE_S:
         threads.many()
     from formnet.formation.briefing.plan import BadBrief, Plan
+    from formnet.formation.machines.custody import KeysError
     from formnet.formation.wire.bus import BusError
     from formnet.formation.wire.process import read_plan
-    from formnet.formation.wire.security import KeysError
     from formnet.plant.process import main as plant_main
 
     try:

@@ -47,9 +47,9 @@ def command(
     Exit code 0: the run was followed to its end; 2: there is nothing to watch; 3: the run broke
     off, or --save could not be written; 130: interrupted before the end.
     """
+    from formnet.formation.machines.custody import KeysError
     from formnet.formation.wire.bus import BusError
     from formnet.formation.wire.process import on_stop
-    from formnet.formation.wire.security import KeysError
     from formnet.lab.launch.live import find
     from formnet.lab.scene.viewer import ViewerFailed
     from formnet.lab.watch.monitor import NoRun, Source, watch
