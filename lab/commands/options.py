@@ -120,6 +120,15 @@ KEYS = click.option(
     metavar="DIR",
     help="Use TLS with the certificates in DIR (made by `formnet keys init`).",
 )
+OWN_HOSTS = "scenario"
+"""What ``--hosts`` says for the hosts in the scenario itself."""
+HOSTS = click.option(
+    "--hosts",
+    type=click.Path(),
+    metavar="HOSTS.toml",
+    help="Run robots on other machines over SSH (docs/hosts.md); `scenario` for those in its own "
+    "[hosts], which are not used without.",
+)
 PLAINTEXT = click.option(
     "--plaintext",
     is_flag=True,
@@ -147,6 +156,12 @@ WEB = click.option("--web", is_flag=True, help="Show the run in a browser on thi
 def out_option(text: str, metavar: str | None = None) -> Callable[[Decorated], Decorated]:
     """``--out``, for a new file or folder; ``text`` is its help."""
     return click.option("--out", type=click.Path(path_type=Path), metavar=metavar, help=text)
+
+
+def hosts_file(hosts: str | None) -> tuple[Path | None, bool]:
+    """What ``--hosts`` names: a file, or the scenario itself."""
+    own = hosts == OWN_HOSTS
+    return (None if own or hosts is None else Path(hosts)), own
 
 
 def viewer(*, view: bool, web: bool) -> str | None:

@@ -17,11 +17,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from formnet.agent.law_file import LawFile
 from formnet.formation.briefing.plan import Plan
+from formnet.formation.machines.generations import Generations
 from formnet.formation.records.checked import Malformed
 from formnet.formation.records.events import (
     Event,
@@ -39,6 +41,7 @@ from formnet.formation.records.stream import Sink, Stir, read
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
 from formnet.formation.wire.process import END_OF_PLAN
 from formnet.lab.launch.interpreter import module
+from formnet.lab.launch.logs import keep
 from formnet.lab.launch.refusals import LOG_FILTER, Refusals
 from formnet.lab.launch.signals import GRACE_S
 from formnet.plant.host import FAREWELL_S, START_PATIENCE_S
@@ -100,8 +103,8 @@ class Place:
 
     ``endpoint`` is where the plant listens (None: a free port on loopback) or, with ``routed``,
     a Zenoh router that is there already. ``keys`` is the folder of this machine's keys,
-    ``plaintext`` whether an endpoint off loopback may go without;
-    ``elsewhere`` starts robots that are not to run on this machine.
+    ``plaintext`` whether an endpoint off loopback may go without; ``elsewhere`` starts robots that
+    are not to run here; ``private``, if given, takes what it tells of machines from a log's line.
     """
 
     endpoint: str | None = None
@@ -109,6 +112,7 @@ class Place:
     plaintext: bool = False
     routed: bool = False
     elsewhere: StartElsewhere = lambda *_: None
+    private: Callable[[str], str] | None = None
 
     @property
     def options(self) -> list[str]:
@@ -164,6 +168,10 @@ class Launch:
         self._written_off: set[int] = set()  # killed as planned, or lost: no cause for alarm
         self._lives: Counter[int] = Counter()
         self._law = ["--law", law.argument, "--law-sha256", law.sha256] if law else []
+        self._log_readers: dict[str, threading.Thread] = {}
+        self._refusals: Refusals | None = None  # of the plant, if it is the hub
+        if place.keys is not None and not place.routed:
+            self._refusals = Refusals(plan, name, Generations.read(place.keys))
         self._common = common = ["--run", name, "--leash"]
         paused = any(some.verb == "pause" for some in plan.roster().happenings())
         if place.endpoint is not None and not paused:  # a stopped process says nothing either
@@ -187,12 +195,6 @@ class Launch:
             ],
         )
         self.plant.tell(plan.pack().encode() + END_OF_PLAN)
-        self._log_reader: threading.Thread | None = None
-        if self.plant.stderr is not None:
-            self._log_reader = threading.Thread(
-                target=self._read_log, args=(Refusals(plan, name),), daemon=True
-            )
-            self._log_reader.start()
         self.robots: dict[int, Child] = {}
         try:
             begun(endpoint, name)
@@ -239,8 +241,8 @@ class Launch:
             deadline = self._kill_at or time.monotonic() + GRACE_S
             end([self.plant, *self.robots.values()], deadline)
         self._reader.join()
-        if self._log_reader is not None:
-            self._log_reader.join()
+        for thread in self._log_readers.values():
+            thread.join(GRACE_S)
         if self._outcome is None and self._asked:  # the plant was not there yet, to say so
             self._outcome = Outcome("interrupted", self._t_ns, None, "stopped by the user")
             self._sink(self._outcome)
@@ -279,16 +281,15 @@ class Launch:
             if isinstance(record, Event | Stir):
                 self._todo.put(record)
 
-    def _read_log(self, refusals: Refusals) -> None:
-        """Keep what the plant says, and tell the sink whom its access control has refused."""
-        assert self.plant.stderr is not None
-        with (self._logs / "plant.log").open("a", encoding="utf-8", buffering=1) as log:
-            for raw in self.plant.stderr:
-                line, refusal = refusals.read(raw.decode(errors="replace"))
-                if line is not None:
-                    log.write(line)
-                if refusal is not None:
-                    self._sink(Refused(self._t_ns, **refusal._asdict()))
+    def _logged(self, line: str, refusals: Refusals | None = None) -> str | None:
+        """What a log keeps of a line; the sink is told whom access control has refused."""
+        kept: str | None = line
+        if refusals is not None:
+            kept, refusal = refusals.read(line)
+            if refusal is not None:
+                self._sink(Refused(self._t_ns, **refusal._asdict()))
+        private = self._place.private
+        return kept if kept is None or private is None else private(kept)
 
     def _do_next(self) -> None:
         """Do to robots' processes what the plant says has happened, as soon as it says so."""
@@ -343,6 +344,8 @@ class Launch:
         return Outcome("failed", self._t_ns, robot, f"exited with code {code}{words}")
 
     def _last_words(self, name: str) -> str:
+        if name in self._log_readers:
+            self._log_readers[name].join(GRACE_S)
         text = (self._logs / f"{name}.log").read_text(encoding="utf-8", errors="replace")
         lines = text.strip().splitlines()
         return f": {lines[-1]}" if lines else ""
@@ -359,16 +362,23 @@ class Launch:
 
     def _spawn(self, name: str, arguments: list[str]) -> LocalChild:
         plant = name == "plant"
-        audited = plant and self._place.keys is not None and not self._place.routed
-        with (self._logs / f"{name}.log").open("wb") as log:
-            return LocalChild(
+        refusals = self._refusals if plant else None
+        read = refusals is not None or self._place.private is not None
+        file = self._logs / f"{name}.log"
+        with file.open("wb") as log:
+            child = LocalChild(
                 module("formnet", *arguments),
                 stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE if plant else log,
-                stderr=subprocess.PIPE if audited else log,
-                env=os.environ | {"RUST_LOG": LOG_FILTER} if audited else None,
+                stdout=subprocess.PIPE if plant or read else log,
+                stderr=(subprocess.PIPE if plant else subprocess.STDOUT) if read else log,
+                env=None if refusals is None else os.environ | {"RUST_LOG": LOG_FILTER},
                 start_new_session=True,  # Ctrl-C reaches the launcher alone; it ends the others
             )
+        stream = child.stderr if plant else child.stdout
+        if stream is not None:
+            line = partial(self._logged, refusals=refusals)
+            self._log_readers[name] = keep(stream, file, line)
+        return child
 
 
 def end(children: Sequence[Child], deadline: float) -> None:

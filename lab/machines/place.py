@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
+from formnet.formation.machines.custody import KeysError
+from formnet.formation.machines.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.records import events
 from formnet.formation.records.stream import Sink
-from formnet.formation.scenario.hosts import Host, Hosts, HostsError, load_hosts
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire import bus
-from formnet.formation.wire.security import PLANT, Credentials, KeysError, robot_name
+from formnet.formation.wire.security import PLANT, Credentials, robot_name
 from formnet.lab.launch.launch import Child, Place
+from formnet.lab.machines.privacy import Private
 from formnet.lab.runs.build import install
 
 
@@ -21,20 +23,27 @@ class BadPlace(ValueError):
 
 
 class HostUnreachable(RuntimeError):
-    """A host on which a robot was to run cannot be reached."""
+    """A host on which a robot was to run cannot be reached; ``recorded`` is for the run's folder,
+    and tells of no machine."""
+
+    def __init__(self, text: str, recorded: str) -> None:
+        self.recorded = recorded
+        super().__init__(text)
 
 
 @dataclass(frozen=True)
 class Where:
     """``--hosts``, ``--keys``, ``--plaintext`` and ``--connect`` (a Zenoh router's endpoint).
 
-    Without ``--hosts``, a scenario's own are taken, if it has any.
+    ``file`` has the hosts, or the scenario itself with ``own`` (``--hosts scenario``). A
+    scenario's own are never taken unasked: whoever wrote it would log in as its user.
     """
 
     file: Path | None = None
     keys: Path | None = None
     plaintext: bool = False
     router: str | None = None
+    own: bool = False
 
     def hosts(self, scenario: Scenario) -> Hosts | None:
         """The hosts, which must suit the scenario and the keys.
@@ -49,33 +58,56 @@ class Where:
                 )
             except bus.BusError as error:
                 raise BadPlace(f"--connect: {error}") from None
-        hosts = scenario.hosts
-        if self.file is not None:
-            try:
-                hosts = load_hosts(self.file)
-            except HostsError as error:
-                raise BadPlace(str(error)) from None
+        hosts = self.named(scenario)
         if hosts is not None:
             if find_spec("asyncssh") is None:
                 raise BadPlace(f"hosts need the package asyncssh: {install('hosts')}")
             self._check(scenario, hosts)
         try:
             if self.keys is not None:
-                Credentials(self.keys, PLANT)
-                for robot in scenario.ids:
+                counting = Credentials(self.keys, PLANT).generations()
+                for name, robot in ((robot_name(robot), robot) for robot in scenario.ids):
                     if hosts is None or hosts.of(robot) is None:
-                        Credentials(self.keys, robot_name(robot))
+                        Credentials(self.keys, name)
+                    elif counting.admitted(name) is None:
+                        what = "is revoked" if name in counting.issued else "is missing"
+                        make = "renew DIR {name}" if name in counting.issued else "init"
+                        raise KeysError(
+                            f"the certificate of {name} {what}",
+                            f"where ca-key.pem is, `formnet keys {make.format(name=name)}`",
+                        )
         except KeysError as error:
             raise BadPlace(f"--keys: {error}") from None
         return hosts
 
-    def _check(self, scenario: Scenario, hosts: Hosts) -> None:
-        source = self.file or "[hosts]"
-        for host in hosts.hosts:
+    def named(self, scenario: Scenario) -> Hosts | None:
+        """The hosts that the user named, whose robots are in the scenario; None: none.
+
+        Raises:
+            BadPlace: the file cannot be used, has other robots, or the scenario has no hosts.
+        """
+        if self.own and scenario.hosts is None:
+            raise BadPlace("--hosts scenario: the scenario has no [hosts]")
+        hosts = scenario.hosts if self.own else None
+        if self.file is not None:
+            try:
+                hosts = load_hosts(self.file)
+            except HostsError as error:
+                raise BadPlace(str(error)) from None
+        for host in () if hosts is None else hosts.hosts:
             for robot in host.robots:
                 if robot not in scenario.ids:
-                    place = f"{source}: hosts.{host.name}.robots"
+                    place = f"{self._source}: hosts.{host.name}.robots"
                     raise BadPlace(f"{place}: robot {robot} is not in the scenario")
+        return hosts
+
+    @property
+    def _source(self) -> str:
+        return "[hosts]" if self.file is None else str(self.file)
+
+    def _check(self, scenario: Scenario, hosts: Hosts) -> None:
+        source = self._source
+        for host in hosts.hosts:
             if self.keys is not None and host.keys is None:
                 raise BadPlace(f"{source}: hosts.{host.name}.keys: is required with --keys")
         least_s = 2.0 * bus.LEASE_S
@@ -99,13 +131,20 @@ class Where:
 
         ``sink`` hears of lost hosts, at ``now_ns()`` of the run's time.
         """
+        private = self.private(hosts)
         if hosts is None:
-            yield Place(self.router, self.keys, self.plaintext, self.router is not None)
+            yield Place(
+                self.router,
+                self.keys,
+                self.plaintext,
+                self.router is not None,
+                private=None if self.keys is None else private,
+            )
             return
         from formnet.lab.machines.hosts import Fleet, HostLost
 
         def lost(host: Host, why: str) -> None:
-            sink(events.HostLost(now_ns(), host.name, tuple(host.robots), why))
+            sink(events.HostLost(now_ns(), hosts.number(host), tuple(host.robots), why))
 
         source = self.file or "the scenario's file"
         with Fleet(lost) as fleet:
@@ -114,6 +153,7 @@ class Where:
                 host = hosts.of(robot)
                 if host is None:
                     return None
+                number = hosts.number(host)
                 options = ["--keys", host.keys] if host.keys is not None else []
                 options += ["--plaintext"] if self.plaintext else []
                 stream = log.open("a", encoding="utf-8", buffering=1)
@@ -121,14 +161,25 @@ class Where:
                     return fleet.start(
                         host,
                         [*arguments, *options],
-                        lambda line: print(f"[{host.name}] {line}", end="", file=stream),
+                        lambda line: print(f"[{number}] {private(line)}", end="", file=stream),
                     )
                 except HostLost as error:
                     remedy = f"`formnet doctor --hosts {source}` shows more"
-                    raise HostUnreachable(f"{error} ({remedy})") from None
+                    recorded = f"{number}, of robot {robot}, cannot be reached over SSH"
+                    raise HostUnreachable(f"{error} ({remedy})", recorded) from None
 
-            meeting = self.router or hosts.listen
-            yield Place(meeting, self.keys, self.plaintext, self.router is not None, elsewhere)
+            yield Place(
+                self.router or hosts.listen,
+                self.keys,
+                self.plaintext,
+                self.router is not None,
+                elsewhere,
+                private,
+            )
+
+    def private(self, hosts: Hosts | None) -> Private:
+        """What takes from texts what they tell of machines and keys."""
+        return Private(hosts, self.keys)
 
 
 HERE = Where()

@@ -104,7 +104,7 @@ def _does_something(scenario: Scenario, episode: Episode) -> bool:
 
 def scheduled(scenario: Scenario, seed: int, episodes: Sequence[Episode]) -> Scenario:
     """``scenario`` with these episodes, and with ``seed`` for all else that is random."""
-    data = tomllib.loads(dumps(scenario))
+    data = tomllib.loads(dumps(scenario.without_hosts))
     data["seed"] = seed
     data["name"] = f"{scenario.name[:60]}-nemesis-{seed}"
     data["timeline"] = [entry for episode in episodes for entry in episode.entries()]

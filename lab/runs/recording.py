@@ -205,7 +205,7 @@ class Recording(Collected):
         with suppress(OSError):  # a file system without locks
             _lock(self._file)
         try:
-            files.write_new(folder / SCENARIO, dumps(scenario))
+            files.write_new(folder / SCENARIO, dumps(scenario.without_hosts))
         except OSError:
             self._file.close()
             forget(folder, EVENTS)

@@ -59,7 +59,7 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
         raise Unreadable("has no scenario.toml; formnet run leaves one") from None
     except OSError as error:
         raise Unreadable(f"{SCENARIO} cannot be read: {error.strerror}") from None
-    run = Recorded(folder, load(folder / SCENARIO))
+    run = Recorded(folder, load(folder / SCENARIO).without_hosts)  # older ones have them
     try:
         run.verdict = files.read(folder)
     except Unreadable as error:

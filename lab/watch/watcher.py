@@ -9,6 +9,7 @@ from pathlib import Path
 
 from formnet.lab.launch.interpreter import module
 from formnet.lab.launch.launch import LocalChild, end
+from formnet.lab.launch.logs import keep
 from formnet.lab.launch.signals import GRACE_S
 from formnet.lab.machines.place import Where
 
@@ -19,10 +20,20 @@ class Watcher:
     """A ``formnet monitor`` with the view ``"web"`` or ``"window"``, beside a run in ``folder``.
 
     It is a process of its own, of the lowest priority: what becomes of it is nothing to the run.
+    ``private`` takes from its log what it tells of machines.
     """
 
-    def __init__(self, view: str, folder: Path, where: Where, say: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        view: str,
+        folder: Path,
+        where: Where,
+        say: Callable[[str], None],
+        private: Callable[[str], str],
+    ) -> None:
         self._view, self._folder, self._where, self._say = view, folder, where, say
+        self._private = private
+        self._complaints: list[str] = []
         self._child: LocalChild | None = None
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
 
@@ -33,26 +44,27 @@ class Watcher:
         if self._where.keys is not None:
             options += ["--keys", str(self._where.keys)]
         options += ["--plaintext"] if self._where.plaintext else []
-        with (self._folder / "logs" / "monitor.log").open("wb") as log:
-            self._child = LocalChild(
-                module("formnet", "monitor", *options),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                start_new_session=True,
-            )
+        self._child = LocalChild(
+            module("formnet", "monitor", *options),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        assert self._child.stderr is not None
+        log = keep(self._child.stderr, self._folder / "logs" / "monitor.log", self._logged)
         threading.Thread(target=self._read, args=(self._child,), daemon=True).start()
         try:
             said = self._lines.get(timeout=_START_S)
+            if said is None:  # it has ended
+                log.join(GRACE_S)
         except queue.Empty:
             said = None
         if said is not None:
             self._say(said)
             return
-        text = (self._folder / "logs" / "monitor.log").read_text(encoding="utf-8")
-        self._say(
-            "the monitor did not start: " + (text.strip() or f"no sign of it after {_START_S:g} s")
-        )
+        text = "".join(self._complaints).strip()
+        self._say("the monitor did not start: " + (text or f"no sign of it after {_START_S:g} s"))
 
     def stay(self, stopped: Callable[[], bool]) -> None:
         """After the run: keep the page until ``stopped``, or let the window have the rest."""
@@ -71,6 +83,10 @@ class Watcher:
         """End it."""
         if self._child is not None:
             end([self._child], time.monotonic() + 2.0 * GRACE_S)
+
+    def _logged(self, line: str) -> str:
+        self._complaints = [*self._complaints[-20:], line]
+        return self._private(line)
 
     def _read(self, child: LocalChild) -> None:
         assert child.stdout is not None

@@ -11,8 +11,10 @@ from rich.markup import escape
 
 from formnet.agent.law import make
 from formnet.formation.briefing.resolving import resolve
+from formnet.formation.machines.hosts import Hosts
 from formnet.formation.records.outcome import Outcome
 from formnet.formation.scenario.loading import ScenarioError
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.code.laws import NOTHING, Given, executed
 from formnet.lab.forecast.checked import load_ready
 from formnet.lab.judge import lyapunov
@@ -28,6 +30,7 @@ from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import check_free, claimed
 from formnet.lab.runs.recording import Recording
 from formnet.lab.scene.writer import SceneWriter
+from formnet.lab.text.hosts import describe_hosts
 from formnet.lab.text.links_table import links_table
 from formnet.lab.text.problems import report_problems, say_slow, warn
 from formnet.lab.text.progress import Watch
@@ -88,6 +91,7 @@ def run_scenario(
             soft_wrap=True,
         )
         return BAD_INPUT
+    _say_hosts(console, scenario, hosts, inline=inline)
     from formnet.lab.watch.watcher import Watcher
 
     with stop_signals() as stopped, ExitStack() as stack:
@@ -105,7 +109,7 @@ def run_scenario(
         ):
             watcher = None
             if view is not None:
-                watcher = Watcher(view, recording.folder, where, watch.say)
+                watcher = Watcher(view, recording.folder, where, watch.say, where.private(hosts))
                 stack.callback(watcher.close)
 
             def begun(endpoint: str, run: str) -> None:
@@ -122,9 +126,11 @@ def run_scenario(
                 Inline(logs, law or make) if inline else Distributed(logs, place, begun, law)
             )
             try:
-                outcome = engine.run(resolve(scenario), watch.take, asked)
+                take = where.private(hosts).sink(watch.take)
+                outcome = engine.run(resolve(scenario), take, asked)
             except HostUnreachable as error:
-                outcome = Outcome("broken", 0, None, str(error))
+                watch.say(str(error))
+                outcome = Outcome("broken", 0, None, error.recorded)
                 watch.take(outcome)
             except OSError as error:
                 outcome = Outcome("broken", recording.now_ns(), None, in_words(error))
@@ -139,6 +145,19 @@ def run_scenario(
         if watcher is not None:
             watcher.stay(stopped.is_set)
         return code
+
+
+def _say_hosts(console: Console, scenario: Scenario, hosts: Hosts | None, *, inline: bool) -> None:
+    """Say which hosts are used, before they are; or that the scenario's own are not."""
+    if hosts is not None:
+        for line in ["robots on other machines:", *describe_hosts(hosts)]:
+            console.print(escape(line), soft_wrap=True)
+    elif scenario.hosts is not None and not inline:
+        console.print(
+            "[yellow]\\[hosts] is not used, and all robots run on this machine:[/] "
+            "add --hosts scenario to use it (formnet check shows what it would start, and where)",
+            soft_wrap=True,
+        )
 
 
 def _unusable(console: Console, error: OSError) -> int:

@@ -7,6 +7,7 @@ import click
 
 from formnet.lab.commands.options import (
     ALLOW_CODE,
+    HOSTS,
     KEYS,
     LAW,
     NO_LOOKAHEAD,
@@ -16,6 +17,7 @@ from formnet.lab.commands.options import (
     VIEW,
     WEB,
     Command,
+    hosts_file,
     out_option,
     viewer,
 )
@@ -28,12 +30,7 @@ from formnet.lab.commands.options import (
 @click.option(
     "--inline", is_flag=True, help="Run in one process, without Zenoh; same trajectories."
 )
-@click.option(
-    "--hosts",
-    type=click.Path(path_type=Path),
-    metavar="HOSTS.toml",
-    help="Run robots on other machines over SSH (docs/hosts.md).",
-)
+@HOSTS
 @click.option(
     "--connect",
     "router",
@@ -58,7 +55,7 @@ def command(
     out: Path | None,
     overrides: tuple[str, ...],
     inline: bool,
-    hosts: Path | None,
+    hosts: str | None,
     router: str | None,
     keys: Path | None,
     plaintext: bool,
@@ -88,7 +85,8 @@ def command(
     from formnet.lab.machines.place import Where
     from formnet.lab.work.run import run_scenario
 
-    where = Where(hosts, keys, plaintext, router)
+    file, own = hosts_file(hosts)
+    where = Where(file, keys, plaintext, router, own)
     shown = viewer(view=view, web=web)
     sys.exit(
         run_scenario(
