@@ -14,6 +14,7 @@ from formnet.formation.wire import bus
 from formnet.formation.wire.security import PLANT, Credentials, KeysError, robot_name
 from formnet.lab.launch.launch import Child, Place
 from formnet.lab.runs.build import install
+from formnet.netem.files.printable import printable
 
 
 class BadPlace(ValueError):
@@ -121,7 +122,9 @@ class Where:
                     return fleet.start(
                         host,
                         [*arguments, *options],
-                        lambda line: print(f"[{host.name}] {line}", end="", file=stream),
+                        lambda line: print(
+                            printable(f"[{host.name}] {line}", lines=True), end="", file=stream
+                        ),
                     )
                 except HostLost as error:
                     remedy = f"`formnet doctor --hosts {source}` shows more"

@@ -5,12 +5,10 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
-
 from formnet.lab.control.endpoint import Asked, opened
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, in_words
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.links_table import links_table
 from formnet.lab.text.tables import output
 from formnet.netem.bridge.bridge import Bridge, BridgeError, session
@@ -30,7 +28,7 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: Asked
             checked_keys(keys)
             endpoint = None if control is None else stack.enter_context(opened(control))
         except ValueError as error:
-            console.print(f"[red]bad input:[/] {escape(str(error))}", soft_wrap=True)
+            console.print(f"[red]bad input:[/] {escape(str(error), lines=True)}", soft_wrap=True)
             return BAD_INPUT
         except FileExistsError as error:
             console.print(f"[red]--control-token:[/] {escape(in_words(error))}", soft_wrap=True)
