@@ -8,7 +8,7 @@ import rich.markup
 from rich.segment import Segment
 from rich.text import Text
 
-from formnet.lab.streams import styled
+from formnet.lab.text.streams import styled
 from formnet.netem.files.printable import printable
 
 

@@ -21,7 +21,7 @@ from formnet.lab.machines.probe import certificate, probe
 from formnet.lab.runs.build import install, missing
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN
 from formnet.lab.scene.viewer import ViewerFailed, binary
-from formnet.lab.streams import styled
+from formnet.lab.text.streams import styled
 from formnet.netem.files.printable import printable
 
 if TYPE_CHECKING:

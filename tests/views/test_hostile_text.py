@@ -182,7 +182,7 @@ def test_json_for_programs_says_the_name_as_it_is(runs):
 def test_what_is_printed_without_a_console_and_in_logs_is_escaped(stream):
     """Children print this way into their logs; Python's own warnings and tracebacks go here."""
     code = (
-        "import sys, traceback, warnings\nfrom formnet.lab.streams import lenient\n"
+        "import sys, traceback, warnings\nfrom formnet.lab.text.streams import lenient\n"
         f"text = {HOSTILE!r}\nwith lenient():\n"
         f"    print(text, file=sys.{stream}); sys.{stream}.writelines([text])\n"
         "    warnings.warn(text)\n"
