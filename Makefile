@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Where there is a C compiler, an install compiles these (see setup.py).
 HOT := $(shell sed -n 's/^    "\(.*\.py\)",$$/\1/p' setup.py)
 
-.PHONY: demo build test quick prove accuracy check docs reference bench clean
+.PHONY: demo build test quick lowest prove accuracy check docs reference bench clean
 
 demo: $(VENV)/.base
 	$(BIN)/formnet run configs/paper/section5-delay.toml
@@ -15,13 +15,17 @@ build: $(VENV)/.base
 
 STARTS_SOMETHING := processes or browser or namespaces
 
-test: check docs quick
+test: check docs quick lowest
 	$(BIN)/pytest -n 2 -m 'long and not ($(STARTS_SOMETHING))'
 	$(BIN)/pytest -m '$(STARTS_SOMETHING)'
 
 # What needs no other process, browser or namespace, and does not compute for long: in a minute.
 quick: $(VENV)/.test
 	$(BIN)/pytest -n 2 -m 'not (long or $(STARTS_SOMETHING))'
+
+# The same with the lowest versions that pyproject.toml admits, in an environment of its own.
+lowest:
+	.ci/lowest $(PYTHON)
 
 # Long proofs, an hour or more, of what is committed; their results go into docs/proofs.
 # Part of them: make prove PROVE="nemesis --seed 7 --schedules 100"
@@ -68,4 +72,4 @@ $(VENV)/.bench: pyproject.toml setup.py $(HOT) | $(BIN)/python
 	@touch $@ $(VENV)/.base
 
 clean:
-	rm -rf $(VENV) *.egg-info build site *.so */*.so */*/*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-lowest *.egg-info build site *.so */*.so */*/*.so .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -33,7 +33,7 @@ def main() -> NoReturn:
             signal.signal(kind, _end)
     code = INTERRUPTED
     try:
-        from formnet.lab.streams import lenient
+        from formnet.lab.text.streams import lenient
 
         with lenient() as trouble:
             code = _command()

@@ -1,12 +1,15 @@
 """What all tests share: the paper's scenarios, and random tests that repeat."""
 
+import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from guard import Guard
 from hypothesis import settings
+from processes import missing
 
 from formnet.formation.scenario.loading import load
 from formnet.formation.scenario.model import Scenario
@@ -50,3 +53,27 @@ def paper() -> Callable[..., Scenario]:
         return load(ROOT / "configs" / "paper" / f"{name}.toml", overrides)
 
     return scenario
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium; the name ``rebound.test`` leads to this machine in it, as in an attack by DNS."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium")
+    if program is None:
+        missing("chromium")
+    with sync_playwright() as tool:
+        chromium = tool.chromium.launch(
+            executable_path=program,
+            args=[
+                "--no-sandbox",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--disable-sync",
+                "--no-first-run",
+                "--host-resolver-rules=MAP rebound.test 127.0.0.1",
+            ],
+        )
+        yield chromium
+        chromium.close()

@@ -174,6 +174,14 @@ def blank(width: float, height: float) -> "Figure":
     return figure
 
 
+def as_label(text: str) -> str:
+    """A stranger's text in a figure: no formula, which could be wrong, and not left out.
+
+    To matplotlib, ``$`` begins a formula, and a label that begins with ``_`` stands in no legend.
+    """
+    return ("\u2009" if text.startswith("_") else "") + text.replace("$", r"\$")
+
+
 def save(
     figure: "Figure", folder: Path, name: str, kinds: Sequence[str] = ("png", "svg"), dpi: int = 130
 ) -> None:

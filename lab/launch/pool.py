@@ -96,7 +96,8 @@ def shown(
     console: Console, pairs: Iterable[tuple[Item, Result]], total: int, label: Callable[[Item], str]
 ) -> Iterator[tuple[Item, Result]]:
     """``pairs`` as they come, with a bar on ``console`` and the label of the one done last."""
-    columns = BarColumn(bar_width=24), MofNCompleteColumn(), TextColumn("{task.description}")
+    done = TextColumn("{task.description}", markup=False)
+    columns = BarColumn(bar_width=24), MofNCompleteColumn(), done
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("", total=total)
         for item, result in pairs:

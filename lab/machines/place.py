@@ -16,6 +16,7 @@ from formnet.formation.wire.security import PLANT, Credentials, robot_name
 from formnet.lab.launch.launch import Child, Place
 from formnet.lab.machines.privacy import Private
 from formnet.lab.runs.build import install
+from formnet.netem.files.printable import printable
 
 
 class BadPlace(ValueError):
@@ -161,7 +162,11 @@ class Where:
                     return fleet.start(
                         host,
                         [*arguments, *options],
-                        lambda line: print(f"[{number}] {private(line)}", end="", file=stream),
+                        lambda line: print(
+                            printable(f"[{number}] {private(line)}", lines=True),
+                            end="",
+                            file=stream,
+                        ),
                     )
                 except HostLost as error:
                     remedy = f"`formnet doctor --hosts {source}` shows more"

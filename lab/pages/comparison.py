@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,16 +10,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from formnet.formation.scenario.expect import CRITERIA, Expect
-from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes, save
+from formnet.lab.figures.canvas import COLOURS, as_label, blank, colours, dashes, save
 from formnet.lab.judge import claim_words
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs import files
 from formnet.lab.runs.difference import differences
+from formnet.lab.runs.files import as_text
 from formnet.lab.runs.keypaths import by_path, shown
+from formnet.lab.text.markdown import as_cell
 from formnet.lab.text.side_by_side import MOST_COLUMNS, Rows, turned
 from formnet.lab.verdict.claims import Judgement
 from formnet.lab.verdict.model import Verdict
 from formnet.lab.verdict.recorded import Recorded
+from formnet.netem.files.printable import printable
 
 MOST_RUNS = 2 * len(COLOURS)
 """How many runs can be told apart in the figure: by colour, and by dashes."""
@@ -71,7 +74,8 @@ def comparison(found: Sequence[Recorded]) -> Comparison:
     ]
     beside = [_beside(found[0], run) for run in found[1:]]
     results.append((f"beside {names[0]}", ["–", *(words for words, _ in beside)]))
-    return Comparison(names, results, _scenarios(found), any(bad for _, bad in beside))
+    differs = any(bad for _, bad in beside)
+    return Comparison(names, _lines(results), _lines(_scenarios(found)), differs)
 
 
 def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
@@ -98,7 +102,7 @@ def figure(found: Sequence[Recorded], names: Sequence[str]) -> Figure:
                 color=colour,
                 ls=dash,
                 lw=width,
-                label=name,
+                label=as_label(name),
             )
             axes.axhline(tolerances[claim], color="0.45", ls=":", lw=1.0)
             axes.set_ylabel(labels[claim])
@@ -141,10 +145,16 @@ def _scenarios(found: Sequence[Recorded]) -> list[tuple[str, list[str]]]:
     return [(place, cells) for place, cells in rows if len(set(cells)) > 1]
 
 
+def _lines(rows: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str]]]:
+    """Rows with nothing in their cells that would act, hide or begin another line."""
+    return [(printable(title), [*map(printable, cells)]) for title, cells in rows]
+
+
 def _names(folders: Sequence[Path]) -> list[str]:
     """What to call each run: its folder's name, or the whole path where names coincide."""
-    short = [folder.resolve().name for folder in folders]
-    return short if len(set(short)) == len(short) else [str(folder) for folder in folders]
+    short = [as_text(folder.resolve()) for folder in folders]
+    names = short if len(set(short)) == len(short) else [str(folder) for folder in folders]
+    return [*map(printable, names)]
 
 
 def _claim(unit: str, claim: Judgement) -> str:
@@ -207,8 +217,5 @@ def write(folder: Path, compared: Comparison, drawn: Figure) -> None:
 
 def _markdown(grid: Sequence[Sequence[str]]) -> list[str]:
     """A table, its first row the head, and an empty line."""
-    lines = [
-        "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) + " |"
-        for row in grid
-    ]
+    lines = ["| " + " | ".join(map(as_cell, row)) + " |" for row in grid]
     return [lines[0], "|---" * len(grid[0]) + "|", *lines[1:], ""]

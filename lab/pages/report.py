@@ -1,7 +1,7 @@
 """``report.html``, a page about one run, and ``index.html``, one about all in a folder.
 
 Everything comes from the files of the run's folder; templates/ has how it looks. Whatever
-stands in a scenario or an event is text from elsewhere and is escaped (Jinja's autoescape).
+stands in a scenario or an event is text from elsewhere (:mod:`formnet.lab.pages.template`).
 """
 
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 
 from formnet.formation.paper.theory import of_the_paper
 from formnet.formation.records.events import Event, Severity, named
@@ -20,6 +20,7 @@ from formnet.formation.scenario.loading import ScenarioError, dumps
 from formnet.lab.judge import claim_words
 from formnet.lab.pages import listing as runs
 from formnet.lab.pages.pictures import pictures
+from formnet.lab.pages.template import environment
 from formnet.lab.runs import files
 from formnet.lab.runs.keypaths import by_path, shown
 from formnet.lab.runs.words import times
@@ -164,21 +165,15 @@ def index(entries: Sequence[runs.Entry]) -> str:
 
 
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("formnet.lab.pages"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
+    made = environment()
+    made.filters |= {
         "small": lambda value: "–" if value is None else f"{value:.2e}",
         "ms": lambda value: "–" if value is None else f"{round(value * 1e3, 3):.3g}",
         "seconds": lambda value: "–" if value is None else f"{value:.2f} s",
         "times": times,
         "percent": lambda value: f"{value:.2%}" if 0 < value < 0.1 else f"{value:.0%}",
     }
-    return environment
+    return made
 
 
 def _sections(run: Recorded, pictures: Sequence[str]) -> dict[str, str]:

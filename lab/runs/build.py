@@ -70,6 +70,7 @@ EXTRAS = {
         "rerun",
         "rich",
         "tomlkit",
+        "tornado",
     ),
     "hosts": ("asyncssh", "cryptography"),
     "export": ("mcap",),

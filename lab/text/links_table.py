@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
 
+from formnet.lab.text.console import escape
 from formnet.lab.text.tables import WIDE, Column, output, table
 
 MOST_LINKS = 20

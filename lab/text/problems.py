@@ -1,9 +1,9 @@
 """What is wrong with a scenario, or takes long, in words on a console."""
 
 from rich.console import Console
-from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
+from formnet.lab.text.console import escape
 
 
 def say_slow(console: Console, text: str) -> None:

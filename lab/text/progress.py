@@ -4,7 +4,6 @@ import threading
 import time
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from formnet.formation.records.events import (
@@ -19,6 +18,7 @@ from formnet.formation.records.stream import Record, Sink
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs.recording import Recording
 from formnet.lab.runs.words import times
+from formnet.lab.text.console import escape
 
 
 class Waits:
@@ -60,7 +60,7 @@ class Watch:
         self._ended: float | None = None
         self._drawn = 0.0
         self._progress = Progress(
-            BarColumn(bar_width=12), TextColumn("{task.description}"), console=console
+            BarColumn(bar_width=12), TextColumn("{task.description}", markup=False), console=console
         )
         self._task = self._progress.add_task("starting", total=recording.scenario.duration_s)
 
@@ -101,7 +101,7 @@ class Watch:
                 self._ended = time.monotonic()
             case HostLost():
                 self._console.print(
-                    f"[red]host lost:[/] {record.host}, with "
+                    f"[red]host lost:[/] {escape(record.host)}, with "
                     f"{named(record.robots)}: " + escape(record.reason),
                     soft_wrap=True,
                 )

@@ -120,5 +120,5 @@ def _paragraphs(
     for name, *cells in grid[1:]:
         yield Text(name, style="bold")
         for head, cell in zip(heads, cells, strict=True):
-            yield Text.assemble(f"  {head}: ", Text.from_markup(markup(cell)))
+            yield Text.assemble(f"  {head}: ", Text.from_markup(markup(cell), emoji=False))
     yield Text()

@@ -1,7 +1,6 @@
 """How a run ended, as tables and lines for people: its verdict (:mod:`lab.verdict.model`)."""
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from formnet.formation.paper.theory import of_the_paper
@@ -10,6 +9,7 @@ from formnet.formation.scenario.expect import CRITERIA, LYAPUNOV
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.judge import claim_words
 from formnet.lab.runs.words import times
+from formnet.lab.text.console import escape
 from formnet.lab.text.tables import Column, output, table
 from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, Verdict
 from formnet.lab.verdict.realtime import Spread, Timing

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from formnet.lab.text.console import Console
 
 WIDE = 110
 """Characters that the widest tables need; what is no terminal has as many."""
@@ -76,5 +77,5 @@ def table(
 
 def _least(cell: str, *, wraps: bool) -> int:
     """How many characters a cell needs at least."""
-    words = Text.from_markup(cell).plain
+    words = Text.from_markup(cell, emoji=False).plain
     return max(map(len, words.split() if wraps else [words]), default=0)

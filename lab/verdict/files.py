@@ -14,6 +14,7 @@ from pydantic_core import from_json
 
 from formnet.lab.runs import files
 from formnet.lab.verdict.model import FORMAT, Verdict
+from formnet.netem.files.printable import printable
 from formnet.netem.files.problems import problems
 
 FILE = "verdict.json"
@@ -100,5 +101,4 @@ def _writer(data: dict[str, Any]) -> str:
 
 def shown(value: object, longest: int = 40) -> str:
     """What a file says, fit for a line: printable, and not too long."""
-    text = "".join(letter if letter.isprintable() else "�" for letter in str(value)[:longest])
-    return text + "…" * (len(str(value)) > longest)
+    return printable(str(value)[:longest]) + "…" * (len(str(value)) > longest)

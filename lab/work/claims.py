@@ -6,8 +6,6 @@ from functools import partial
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from formnet.formation.scenario.expect import ERRORS
@@ -24,6 +22,7 @@ from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, INTERRUPTED, ONE_FAILS, 
 from formnet.lab.runs.exits import BROKEN as RUN_BROKE
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, forget, fresh_folder
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.tables import output
 from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
 
@@ -87,7 +86,7 @@ def run_claims(
     console.print(f"results are in {escape(str(folder))}", soft_wrap=True)
     if failed is not None:
         console.print(
-            f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed)}",
+            f"[red]broken after {len(done)} of {len(work)} runs:[/] {escape(failed, lines=True)}",
             soft_wrap=True,
         )
         return RUN_BROKE

@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
-
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.figures.canvas import plain_style
 from formnet.lab.pages.comparison import MOST_RUNS, comparison, figure, parts, write
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import filled
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.problems import report_problems
 from formnet.lab.text.side_by_side import renderables
 from formnet.lab.text.tables import output

@@ -22,6 +22,8 @@ from formnet.lab.machines.probe import Answer, certificate, probe
 from formnet.lab.runs.build import install, missing
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN
 from formnet.lab.scene.viewer import ViewerFailed, binary
+from formnet.lab.text.streams import styled
+from formnet.netem.files.printable import printable
 
 if TYPE_CHECKING:
     from formnet.lab.machines.hosts import Fleet
@@ -54,20 +56,27 @@ def examine(path: Path | None, keys: Path | None) -> int:
         hosts = None if path is None else load_hosts(path)
     except HostsError as error:
         for problem in error.problems:
-            click.echo(f"{click.style(f'{error.file}:', fg='red')} {problem}")
+            _say(f"{error.file}:", str(problem), fg="red")
         return BAD_INPUT
     bad = 0
     for check in checks(hosts, keys):
-        mark = click.style("✗", fg="red") if check.problem else click.style("✓", fg="green")
+        mark, colour = ("✗", "red") if check.problem else ("✓", "green")
         if check.soon:
-            mark = click.style("!", fg="yellow")
+            mark, colour = "!", "yellow"
         told = check.problem or check.found
-        click.echo(f"{mark} {check.where}: {check.what}: {told}")
+        _say(mark, f"{check.where}: {check.what}: {told}", fg=colour)
         bad += bool(check.problem)
         if check.problem or check.soon:
-            click.echo(f"    {click.style(check.remedy, bold=True)}")
+            _say(f"    {check.remedy}", bold=True)
     click.echo("no problems found" if not bad else f"problems: {bad}")
     return BROKEN if bad else ALL_HOLD
+
+
+def _say(head: str, text: str = "", **style: Any) -> None:
+    """A line that begins with what has a style."""
+    begins = click.style(printable(head, lines=True), **style)
+    line = f"{begins} {printable(text, lines=True)}" if text else begins
+    click.echo(line, file=styled(sys.stdout))
 
 
 def checks(hosts: Hosts | None, keys: Path | None) -> Iterator[Check]:

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.csv
-from rich.console import Console
-from rich.markup import escape
 
 from formnet.formation.scenario.loading import ScenarioError
 from formnet.lab.runs import files
@@ -16,6 +14,7 @@ from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
 from formnet.lab.runs.recording import LINKS, STATES, read_table
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.problems import report_problems
 from formnet.lab.verdict.files import Unreadable
 from formnet.lab.verdict.recorded import Recorded, read_whole

@@ -3,13 +3,12 @@
 import json
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from formnet.lab.pages.listing import RUNNING, Entry, in_words, look_into
 from formnet.lab.pages.report import write_index
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.tables import Column, output, table
 from formnet.lab.verdict.model import HOLDS, OBSERVED
 
@@ -37,7 +36,7 @@ def list_runs(folder: Path, *, as_json: bool) -> int:
         return BAD_INPUT
     entries, others = look_into(folder)
     if as_json:
-        print(json.dumps([entry.as_json() for entry in entries], indent=2, ensure_ascii=False))
+        print(json.dumps([entry.as_json() for entry in entries], indent=2))
     elif entries:
         output().print(_table(entries))
     if others:

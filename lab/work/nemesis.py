@@ -8,9 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
-
 from formnet.formation.scenario.loading import ScenarioError, dumps
 from formnet.lab.code.laws import NOTHING, Given
 from formnet.lab.forecast.checked import load_ready
@@ -24,6 +21,7 @@ from formnet.lab.runs import files
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, forget, fresh_folder
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.problems import report_problems, say_slow, warn
 
 SAMPLE_EVERY = 10
@@ -54,7 +52,7 @@ def run_nemesis(
     warn(console, ready.warnings)
     refused = unfit(scenario)
     if refused is not None:
-        console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
+        console.print(f"[red]{escape(str(path))}:[/] {escape(refused, lines=True)}", soft_wrap=True)
         return BAD_INPUT
     repeat = _repeat(path, overrides, given, limit_s, engine)
     try:
@@ -99,7 +97,8 @@ def run_nemesis(
         failed = failed or in_words(error)
     if failed is not None:
         console.print(
-            f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed)}", soft_wrap=True
+            f"[red]broken after {len(done)} of {runs} runs:[/] {escape(failed, lines=True)}",
+            soft_wrap=True,
         )
         return BROKEN
     if len(done) < len(trials):

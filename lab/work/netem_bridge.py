@@ -2,38 +2,40 @@
 
 import threading
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
-
+from formnet.lab.control.endpoint import Asked, opened
 from formnet.lab.launch.signals import stop_signals
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, in_words
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.links_table import links_table
 from formnet.lab.text.tables import output
 from formnet.netem.bridge.bridge import Bridge, BridgeError, session
-from formnet.netem.bridge.control import server
-from formnet.netem.bridge.lanes import NetworkFileError, checked_keys, load
+from formnet.netem.bridge.control import answer
+from formnet.netem.bridge.lanes import checked_keys, load
 
-ENDED, BAD_INPUT, BROKEN = 0, 2, 3
 _ARROWS = {"forward": "→", "backward": "←"}
 
 
-class _BadOption(ValueError):
-    """A value of an option that cannot be used."""
-
-
-def run_bridge(first: str, second: str, keys: str, network: Path, control: str | None) -> int:
+def run_bridge(first: str, second: str, keys: str, network: Path, control: Asked | None) -> int:
     """Join two networks; returns the exit code of ``formnet netem-bridge``."""
     console = Console(stderr=True)
-    try:
-        file = load(network)
-        checked_keys(keys)
-        address = None if control is None else _address(control)
-    except (NetworkFileError, ValueError) as error:
-        console.print(f"[red]bad input:[/] {escape(str(error))}", soft_wrap=True)
-        return BAD_INPUT
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
+        try:
+            file = load(network)
+            checked_keys(keys)
+            endpoint = None if control is None else stack.enter_context(opened(control))
+        except ValueError as error:
+            console.print(f"[red]bad input:[/] {escape(str(error), lines=True)}", soft_wrap=True)
+            return BAD_INPUT
+        except FileExistsError as error:
+            console.print(f"[red]--control-token:[/] {escape(in_words(error))}", soft_wrap=True)
+            return BAD_INPUT
+        except OSError as error:
+            console.print(f"[red]--control:[/] {escape(in_words(error))}", soft_wrap=True)
+            return BROKEN
         try:
             one = stack.enter_context(session(first))
             other = stack.enter_context(session(second))
@@ -41,15 +43,11 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: str |
         except BridgeError as error:
             console.print(f"[red]bridge:[/] {escape(str(error))}", soft_wrap=True)
             return BROKEN
-        try:
-            if address is not None:
-                http = stack.enter_context(server(bridge, *address))
-                threading.Thread(target=http.serve_forever, daemon=True).start()
-                stack.callback(http.shutdown)
-        except OSError as error:
-            bridge.close(drain=False)
-            console.print(f"[red]--control {control}:[/] {error.strerror}", soft_wrap=True)
-            return BROKEN
+        if endpoint is not None:
+            endpoint.serve(stack, partial(answer, bridge))
+            console.print(
+                escape(f"control: {endpoint.url} (token in {endpoint.token})"), soft_wrap=True
+            )
         console.print(
             escape(f"bridging {first} (→) and {second} (←), keys {keys}; Ctrl-C ends"),
             soft_wrap=True,
@@ -69,7 +67,7 @@ def run_bridge(first: str, second: str, keys: str, network: Path, control: str |
             soft_wrap=True,
         )
         return BROKEN
-    return ENDED
+    return ALL_HOLD
 
 
 def _drain(console: Console, bridge: Bridge, stopped: threading.Event) -> Exception | None:
@@ -94,10 +92,3 @@ def _drain(console: Console, bridge: Bridge, stopped: threading.Event) -> Except
         if stopped.is_set():
             bridge.clock.drop()
     return errors[0] if errors else None
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, colon, port = text.rpartition(":")
-    if not colon or not host or not port.isdigit() or int(port) > 65535:
-        raise _BadOption(f"--control {text}: must be HOST:PORT, such as 127.0.0.1:8765")
-    return host.strip("[]"), int(port)

@@ -6,9 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
-
 from formnet.agent.law import make
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.machines.hosts import Hosts
@@ -30,6 +27,7 @@ from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import check_free, claimed
 from formnet.lab.runs.recording import Recording
 from formnet.lab.scene.writer import SceneWriter
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.hosts import describe_hosts
 from formnet.lab.text.links_table import links_table
 from formnet.lab.text.problems import report_problems, say_slow, warn
@@ -82,7 +80,7 @@ def run_scenario(
     try:
         hosts = None if inline else where.hosts(scenario)
     except BadPlace as error:
-        console.print(f"[red]{escape(str(error))}[/]", soft_wrap=True)
+        console.print(f"[red]{escape(str(error), lines=True)}[/]", soft_wrap=True)
         return BAD_INPUT
     if hosts is not None and law is not None:
         console.print(

@@ -5,9 +5,6 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rich.console import Console
-from rich.markup import escape
-
 from formnet.agent.law_file import LawFile
 from formnet.exact import ARITHMETIC_VERSION
 from formnet.formation.briefing.resolving import resolve
@@ -22,6 +19,7 @@ from formnet.lab.runs.borrowed import borrowed
 from formnet.lab.runs.difference import before, differences, other_extremes
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recording import Recording, trajectory_sha256
+from formnet.lab.text.console import Console, escape
 from formnet.lab.text.problems import report_problems, say_slow
 from formnet.lab.text.progress import Waits
 from formnet.lab.verdict.files import Unreadable, shown

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
+from formnet.netem.files.printable import printable
+
 Place = tuple[str | int, ...]
 
 
@@ -27,7 +29,8 @@ class Problem(NamedTuple):
 
     def __str__(self) -> str:
         value = "" if self.value is None else f" = {self.value}"
-        return f"{self.place}{value}: {self.rule}" if self.place else self.rule
+        place = f"{printable(self.place)}{value}: " if self.place else ""
+        return printable(f"{place}{self.rule}", lines=True)
 
 
 def problems(

@@ -65,6 +65,7 @@ BELOW: dict[str, set[str]] = {
     "lab.figures": {"lab.runs", "lab.judge"},
     "lab.scene": {"lab.runs", "lab.judge", "lab.verdict", "lab.launch", "lab.figures"},
     "lab.pages": {"lab.runs", "lab.judge", "lab.verdict", "lab.text", "lab.figures"},
+    "lab.control": {"lab.runs", "lab.pages"},
     "lab.watch": {
         "lab.runs",
         "lab.judge",

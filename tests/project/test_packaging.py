@@ -95,6 +95,7 @@ USES = {
     "rerun": "replay",
     "rich": "plot",
     "tomlkit": "migrate",
+    "tornado": "netem-bridge --from tcp/127.0.0.1:1 --to tcp/127.0.0.1:1 --network",
 }
 """A command that cannot do without the package."""
 
@@ -110,11 +111,14 @@ def test_a_command_that_lacks_a_package_says_what_installs_it(package, command, 
         f"import sys; sys.modules[{package!r}] = None\nfrom formnet.lab.program import main\nmain()"
     )
     told = subprocess.run(
-        [sys.executable, "-c", code, command, "x"], capture_output=True, text=True, cwd=tmp_path
+        [sys.executable, "-c", code, *command.split(), "x"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
     )
     assert told.returncode == 2
     (line,) = told.stderr.splitlines()
-    assert f"formnet {command}: the package {package} is missing: " in line
+    assert f"formnet {command.split()[0]}: the package {package} is missing: " in line
     assert "pip install 'formnet[lab]'" in line
 
 
@@ -231,7 +235,7 @@ def test_a_wheel_of_an_sdist_has_the_same_files(root, tmp_path):
     assert {
         f"formnet/{file.relative_to(root).as_posix()}"
         for part in PARTS
-        for kind in ("py", "toml", "j2", "css")
+        for kind in ("py", "toml", "j2", "css", "js")
         for file in (root / part).rglob(f"*.{kind}")
     } < names[0]
 

@@ -1,11 +1,7 @@
 """The page of a run in a browser, as narrow as a phone."""
 
-import shutil
-
 import pytest
 from click.testing import CliRunner
-from playwright.sync_api import sync_playwright
-from processes import missing
 
 from formnet.lab.cli import main
 from formnet.lab.scenarios.packaged import CONFIGS
@@ -37,26 +33,6 @@ def runs(tmp_path_factory):
     )
     assert result.exit_code == 1, result.output
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser():
-    program = shutil.which("chromium")
-    if program is None:
-        missing("chromium")
-    with sync_playwright() as tool:
-        chromium = tool.chromium.launch(
-            executable_path=program,
-            args=[
-                "--no-sandbox",
-                "--disable-background-networking",
-                "--disable-component-update",
-                "--disable-sync",
-                "--no-first-run",
-            ],
-        )
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture

@@ -22,12 +22,10 @@ def plot_run(folder: Path, out: Path | None) -> int:
     """Draw into a new folder, or into the run's ``figures/``; the exit code of ``formnet plot``."""
     from contextlib import nullcontext
 
-    from rich.console import Console
-    from rich.markup import escape
-
     from formnet.formation.scenario.loading import ScenarioError
     from formnet.lab.figures import run_figures as figures
     from formnet.lab.runs.folders import filled
+    from formnet.lab.text.console import Console, escape
     from formnet.lab.text.problems import report_problems
     from formnet.lab.verdict.files import Unreadable
     from formnet.lab.verdict.recorded import read_run

@@ -20,11 +20,10 @@ def command(folders: tuple[Path, ...]) -> None:
 
 def report_runs(folders: Sequence[Path]) -> int:
     """Make the pages of runs again; the exit code of ``formnet report``."""
-    from rich.console import Console
-    from rich.markup import escape
 
     from formnet.formation.scenario.loading import ScenarioError
     from formnet.lab.pages.report import write_report
+    from formnet.lab.text.console import Console, escape
     from formnet.lab.text.problems import report_problems
     from formnet.lab.verdict.files import Unreadable
 

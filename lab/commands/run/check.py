@@ -54,13 +54,11 @@ def check_scenario(
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
     from functools import partial
 
-    from rich.console import Console
-    from rich.markup import escape
-
     from formnet.formation.scenario.loading import ScenarioError
     from formnet.lab.forecast.checked import load_checked
     from formnet.lab.machines.place import BadPlace, Where
     from formnet.lab.text.assessment import describe, describe_plan
+    from formnet.lab.text.console import Console, escape
     from formnet.lab.text.hosts import describe_use
     from formnet.lab.text.problems import report_problems, say_slow, warn
 

@@ -1,7 +1,8 @@
 """Standard output and error that do not end a command: what cannot be printed is left out.
 
 A character that the terminal's encoding lacks is escaped, a pipe that is closed takes no more, and
-a stream that was closed from the beginning leads nowhere.
+a stream that was closed from the beginning leads nowhere. Characters that would act on a terminal
+or hide in a log are escaped, whoever prints them; only a console writes its own styles past that.
 """
 
 import errno
@@ -11,7 +12,9 @@ import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any, cast
+
+from formnet.netem.files.printable import printable
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -48,9 +51,34 @@ class _Raw(io.RawIOBase):
         return size
 
 
+class _Printable(io.TextIOWrapper):
+    """Takes text of any characters, of which those that act or hide are escaped."""
+
+    def write(self, text: str) -> int:
+        return super().write(printable(text, lines=True))
+
+
+class _Styled:
+    """The same stream for what escapes by itself, and writes styles."""
+
+    def __init__(self, stream: _Printable) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        return io.TextIOWrapper.write(self._stream, text)
+
+
+def styled(stream: IO[str]) -> IO[str]:
+    """``stream`` without the escaping, for a console that does it before it adds its styles."""
+    return cast(IO[str], _Styled(stream)) if isinstance(stream, _Printable) else stream
+
+
 def _stream(descriptor: int, encoding: str, *, lines: bool) -> tuple[io.TextIOWrapper, _Raw]:
     raw = _Raw(descriptor)
-    text = io.TextIOWrapper(
+    text = _Printable(
         io.BufferedWriter(raw), encoding, "backslashreplace", line_buffering=lines or raw.isatty()
     )
     return text, raw
