@@ -173,6 +173,7 @@ def run(
     *,
     law: Callable[[Situation], Law] | Law | None = None,
     until_s: float | None = None,
+    allow_outside: bool = False,
 ) -> Run:
     """Run a scenario in virtual time, in this process, and judge it.
 
@@ -185,13 +186,15 @@ def run(
             that takes a ``Situation``, or an object with the method ``command`` that all
             robots share. The run is of a law with its name.
         until_s: End the run there, as interrupted.
+        allow_outside: Whether traces and samples may lie outside the folder of the scenario (of
+            tables: the working directory).
 
     Raises:
         ScenarioError: the scenario is not valid, or its law cannot be had; every problem is named.
         LookupError: ``scenario`` names none.
         KeyboardInterrupt: by Ctrl-C, once the run has stopped.
     """
-    loaded = _loaded(scenario, overrides)
+    loaded = _loaded(scenario, overrides, allow_outside)
     factory: LawFactory = make
     if law is not None:
         factory, name = _factory(law)
@@ -231,7 +234,13 @@ def open(folder: str | PathLike[str]) -> Run:
     return Run(recorded, recorded.verdict)
 
 
-def check(scenario: Source, overrides: Overrides = (), *, lookahead: bool = True) -> Check:
+def check(
+    scenario: Source,
+    overrides: Overrides = (),
+    *,
+    lookahead: bool = True,
+    allow_outside: bool = False,
+) -> Check:
     """Validate a scenario and say what the theory makes of it, without running it.
 
     Args:
@@ -239,12 +248,13 @@ def check(scenario: Source, overrides: Overrides = (), *, lookahead: bool = True
         overrides: As for ``run``.
         lookahead: Whether to follow the closed loop from the starts, to warn of a control period
             that is too long for the gains.
+        allow_outside: As for ``run``.
 
     Raises:
         ScenarioError: the scenario is not valid, or its law cannot be had.
         LookupError: ``scenario`` names none.
     """
-    loaded = _loaded(scenario, overrides)
+    loaded = _loaded(scenario, overrides, allow_outside)
     problem = accepts(resolve(loaded))
     if problem is not None:
         raise ScenarioError(loaded.name, [Problem("law.kind", repr(loaded.law.kind), problem)])
@@ -253,14 +263,12 @@ def check(scenario: Source, overrides: Overrides = (), *, lookahead: bool = True
     return Check(loaded, found.theorem, found.why, told)
 
 
-def _loaded(scenario: Source, overrides: Overrides) -> Scenario:
+def _loaded(scenario: Source, overrides: Overrides, allow_outside: bool) -> Scenario:
     if isinstance(scenario, Scenario):
-        return from_tables(
-            scenario.model_dump(mode="json", by_alias=True, exclude_none=True), overrides
-        )
+        scenario = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
     if isinstance(scenario, Mapping):
-        return from_tables(scenario, overrides)
-    return load(find(str(scenario)), overrides)
+        return from_tables(scenario, overrides, allow_outside=allow_outside)
+    return load(find(str(scenario)), overrides, allow_outside=allow_outside)
 
 
 def _factory(law: Callable[[Situation], Law] | Law) -> tuple[LawFactory, str]:

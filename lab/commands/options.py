@@ -95,6 +95,11 @@ OVERRIDE = click.option(
     metavar="KEY.PATH=VALUE",
     help="Override a value of the scenario, e.g. law.beta=5 or robots.3.damping=1. Repeatable.",
 )
+ALLOW_OUTSIDE = click.option(
+    "--allow-outside",
+    is_flag=True,
+    help="Read traces and samples from outside the scenario's folder, too.",
+)
 NO_LOOKAHEAD = click.option(
     "--no-lookahead",
     is_flag=True,

@@ -79,11 +79,11 @@ def write_report(folder: Path, *, draw_missing: bool = False) -> Path:
         Unreadable, ScenarioError: there is no run.
         OSError: the page cannot be written.
     """
-    run = read_run(folder, tables=draw_missing and not (folder / "figures").is_dir())
+    run = read_run(folder, tables=draw_missing and not os.path.lexists(folder / "figures"))
     if run.samples or run.link_rows:
         from formnet.lab.figures import run_figures as figures
 
-        figures.draw(run, folder / "figures")
+        figures.draw(run, files.subfolder(folder, "figures", made=True))
     files.replace(folder / "report.html", page(run))
     return folder / "report.html"
 
@@ -92,12 +92,21 @@ def write_index(folder: Path, entries: Sequence[runs.Entry]) -> str | None:
     """Write ``index.html`` into a folder of runs; why it cannot be, if so."""
     file = folder / "index.html"
     try:
-        if file.exists() and _MARK not in file.read_text(encoding="utf-8", errors="replace")[:500]:
+        if os.path.lexists(file) and not _is_ours(file):
             return f"{file} is there already and not formnet's; it is left as it is"
         files.replace(file, index(entries))
     except OSError as error:
         return str(error)
     return None
+
+
+def _is_ours(index: Path) -> bool:
+    """Whether a page was written here: a regular file that says so."""
+    try:
+        with files.reading(index) as stream:
+            return _MARK.encode() in stream.read(500)
+    except OSError:
+        return False
 
 
 def page(run: Recorded) -> str:
@@ -347,4 +356,9 @@ def _in_runs(folder: Path) -> bool:
 
 def _there(folder: Path, name: str) -> str | None:
     """The address of a file in a run's folder, relative to the index, if it is there."""
-    return quote(os.fsencode(f"{folder.name}/{name}")) if (folder / name).is_file() else None
+    return quote(os.fsencode(f"{folder.name}/{name}")) if _is_there(folder, name) else None
+
+
+def _is_there(folder: Path, name: str) -> bool:
+    place, _, _ = name.rpartition("/")
+    return (not place or files.is_folder(folder / place)) and files.is_file(folder, name)

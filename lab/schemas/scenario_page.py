@@ -145,4 +145,4 @@ class _Page(Tables):
 
 
 if __name__ == "__main__":
-    files.replace(Path(sys.argv[1]), reference())
+    files.write_to(Path(sys.argv[1]), reference())

@@ -40,11 +40,15 @@ def run_nemesis(
     limit_s: float,
     jobs: int | None,
     engine: EngineName,
+    *,
+    allow_outside: bool = False,
 ) -> int:
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)
     try:
-        scenario, warnings = load_checked(path, overrides, partial(say_slow, console))
+        scenario, warnings = load_checked(
+            path, overrides, partial(say_slow, console), allow_outside=allow_outside
+        )
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -53,7 +57,7 @@ def run_nemesis(
     if refused is not None:
         console.print(f"[red]{escape(str(path))}:[/] {escape(refused)}", soft_wrap=True)
         return BAD_INPUT
-    repeat = _repeat(path, overrides, limit_s, engine)
+    repeat = _repeat(path, overrides, limit_s, engine, allow_outside)
     try:
         folder = claimed(out, "nemesis", partial(_begun, command=f"{repeat} {seed}\n"))
     except OSError as error:
@@ -114,11 +118,18 @@ def _begun(folder: Path, command: str) -> Path:
     return folder
 
 
-def _repeat(path: Path, overrides: Sequence[str], limit_s: float, engine: EngineName) -> str:
+def _repeat(
+    path: Path,
+    overrides: Sequence[str],
+    limit_s: float,
+    engine: EngineName,
+    allow_outside: bool,
+) -> str:
     """The command that repeats one run, up to its seed."""
     words = ["formnet", "nemesis", str(path)]
     words += [word for text in overrides for word in ("--set", text)]
     words += ["--inline"] if engine == "inline" else []
+    words += ["--allow-outside"] if allow_outside else []
     return shlex.join([*words, "--limit", f"{limit_s:g}", "--runs", "1", "--seed"])
 
 

@@ -46,19 +46,22 @@ def run_scenario(
     drawn: bool = True,
     scene: bool = True,
     lookahead: bool = True,
+    allow_outside: bool = False,
 ) -> int:
     """Run a scenario file into a run folder; returns the exit code of ``formnet run``.
 
     ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
     ``scene``: with ``run.rrd``; without, no process draws it. ``lookahead``: the law is tried
-    before.
+    before. ``allow_outside``: files that it names may lie outside its folder.
     """
     console = Console(stderr=True)
     try:
         if out is not None:
             check_free(out)  # before the work, not after it
         say = partial(say_slow, console)
-        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
+        scenario, warnings = load_checked(
+            path, overrides, say, lookahead=lookahead, allow_outside=allow_outside
+        )
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -164,8 +167,11 @@ def _conclude(
         with console.status("drawing figures"):
             from formnet.lab.figures import run_figures as figures
 
-            place = recording.folder / "figures"
-            problems += files.attempt(lambda: figures.draw(recording, place, stopped))
+            def draw() -> None:
+                place = files.subfolder(recording.folder, "figures", made=True)
+                figures.draw(recording, place, stopped)
+
+            problems += files.attempt(draw)
     from formnet.lab.pages import report
 
     try:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from formnet.lab.commands.options import (
+    ALLOW_OUTSIDE,
     INLINE_RUNS,
     JOBS,
     OVERRIDE,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     help="Time limit of a run (wall time); a longer one counts as hung.",
 )
 @JOBS
+@ALLOW_OUTSIDE
 def command(
     scenario: Path,
     overrides: tuple[str, ...],
@@ -54,6 +56,7 @@ def command(
     out: Path | None,
     limit_s: float,
     jobs: int | None,
+    allow_outside: bool,
 ) -> None:
     """Test SCENARIO with random failures.
 
@@ -67,4 +70,6 @@ def command(
     need_inline(jobs, engine)
     from formnet.lab.work.nemesis import run_nemesis
 
-    sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine))
+    sys.exit(
+        run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine, allow_outside)
+    )

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import click
 
-from formnet.lab.commands.options import NO_LOOKAHEAD, OVERRIDE, SCENARIO, Command
+from formnet.lab.commands.options import (
+    ALLOW_OUTSIDE,
+    NO_LOOKAHEAD,
+    OVERRIDE,
+    SCENARIO,
+    Command,
+)
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
 
 
@@ -13,12 +19,19 @@ from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
 @SCENARIO
 @OVERRIDE
 @NO_LOOKAHEAD
-def command(scenario: Path, overrides: tuple[str, ...], no_lookahead: bool) -> None:
+@ALLOW_OUTSIDE
+def command(
+    scenario: Path, overrides: tuple[str, ...], no_lookahead: bool, allow_outside: bool
+) -> None:
     """Validate SCENARIO; print what the theory predicts."""
-    sys.exit(check_scenario(scenario, overrides, lookahead=not no_lookahead))
+    sys.exit(
+        check_scenario(scenario, overrides, lookahead=not no_lookahead, allow_outside=allow_outside)
+    )
 
 
-def check_scenario(path: Path, overrides: tuple[str, ...], *, lookahead: bool) -> int:
+def check_scenario(
+    path: Path, overrides: tuple[str, ...], *, lookahead: bool, allow_outside: bool = False
+) -> int:
     """Print the assessment of a scenario; returns the exit code of ``formnet check``."""
     from functools import partial
 
@@ -33,7 +46,9 @@ def check_scenario(path: Path, overrides: tuple[str, ...], *, lookahead: bool) -
     troubles = Console(stderr=True)
     try:
         say = partial(say_slow, troubles)
-        scenario, warnings = load_checked(path, overrides, say, lookahead=lookahead)
+        scenario, warnings = load_checked(
+            path, overrides, say, lookahead=lookahead, allow_outside=allow_outside
+        )
     except ScenarioError as error:
         report_problems(troubles, error)
         return BAD_INPUT

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from formnet.lab.commands.options import (
+    ALLOW_OUTSIDE,
     KEYS,
     NO_LOOKAHEAD,
     OVERRIDE,
@@ -49,6 +50,7 @@ from formnet.lab.commands.options import (
 )
 @click.option("--no-scene", is_flag=True, help="Do not write run.rrd, which formnet replay shows.")
 @NO_LOOKAHEAD
+@ALLOW_OUTSIDE
 def command(
     scenario: Path,
     out: Path | None,
@@ -63,6 +65,7 @@ def command(
     no_figures: bool,
     no_scene: bool,
     no_lookahead: bool,
+    allow_outside: bool,
 ) -> None:
     """Run SCENARIO and judge it.
 
@@ -94,5 +97,6 @@ def command(
             drawn=not no_figures,
             scene=not no_scene,
             lookahead=not no_lookahead,
+            allow_outside=allow_outside,
         )
     )
