@@ -113,7 +113,7 @@ def page(run: Recorded) -> str:
     """The page about a run as HTML."""
     judged, scenario = run.verdict, run.scenario
     standing = runs.standing(judged, run.outcome, running=run.running)
-    moments = list(_moments(run))
+    moments = _happened(run)
     hidden = max(0, len(moments) - FIRST_EVENTS - LAST_EVENTS)
     cut = FIRST_EVENTS if hidden else len(moments)
     drawn = list(pictures(run))
@@ -136,9 +136,9 @@ def page(run: Recorded) -> str:
             in_runs=_in_runs(run.folder),
             sections=_sections(run, [item.name for item in drawn]),
             pictures=drawn,
-            first=moments[:cut],
+            first=list(map(_moment, moments[:cut])),
             hidden=hidden,
-            last=moments[cut + hidden :],
+            last=list(map(_moment, moments[cut + hidden :])),
             window_s=None if judged is None else _window_s(judged),
             lost_share=_lost_share(judged),
             most_links=MOST_LINKS,
@@ -298,18 +298,21 @@ def _falling(judged: Verdict) -> bool:
     )
 
 
-def _moments(run: Recorded) -> Iterator[Moment]:
+def _happened(run: Recorded) -> list[Event | Outcome | float]:
     """The events in order of time, and when the errors settled among them."""
-    found = [_moment(event) for event in run.told if event.severity is not Severity.DEBUG]
+    found: list[Event | Outcome | float] = [
+        event for event in run.told if event.severity is not Severity.DEBUG
+    ]
     settled = None if run.verdict is None else run.verdict.settling_time_s
     if settled is not None:
-        found.append(
-            Moment(settled, "settled", "errors stay within their tolerances from here on", "good")
-        )
-    yield from sorted(found, key=lambda moment: moment.t_s)
+        found.append(settled)
+    return sorted(found, key=lambda one: one if isinstance(one, float) else one.t_ns / 1e9)
 
 
-def _moment(event: Event | Outcome) -> Moment:
+def _moment(event: Event | Outcome | float) -> Moment:
+    if isinstance(event, float):
+        settled = "errors stay within their tolerances from here on"
+        return Moment(event, "settled", settled, "good")
     bad = event.severity in (Severity.WARNING, Severity.ERROR)
     words = event.words
     words = words if len(words) <= _MOST_LETTERS else words[:_MOST_LETTERS] + "…"

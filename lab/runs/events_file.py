@@ -19,7 +19,7 @@ from formnet.lab.runs import files
 
 EVENTS = "events.jsonl"
 _MOST_S = 2**63 / 1e9
-LONGEST_LINE, MOST_LINES = 2**20, 200_000
+LONGEST_LINE, MOST_LINES = 2**20, 50_000
 """A line that is longer, and what comes after so many, is not read."""
 
 

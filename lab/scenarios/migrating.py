@@ -28,9 +28,8 @@ def migrated(file: Path, *, follow: bool = True) -> tuple[str, list[str]]:
     new = tomlkit.dumps(tables)
     if not stated:
         new = _with_first_key(new, f"format = {FORMAT}")
-    if (
-        loads(new, str(file), folder=file.parent, allow_outside=True) != before
-    ):  # never write what runs differently
+    again = loads(new, str(file), folder=file.parent, allow_outside=True)
+    if again != before:  # never write what runs differently
         rule = "cannot be rewritten without changing what it says; please report it"
         raise ScenarioError(str(file), [Problem("", None, rule)])
     return new, changes

@@ -40,8 +40,7 @@ def run_nemesis(
     limit_s: float,
     jobs: int | None,
     engine: EngineName,
-    *,
-    allow_outside: bool = False,
+    allow_outside: bool,
 ) -> int:
     """Try ``runs`` schedules, of seeds ``seed`` and on; the exit code of the command."""
     console = Console(stderr=True, highlight=False)

@@ -136,8 +136,8 @@ def _path(data: Mapping[str, Any], lists: tuple[str, ...], context: Mapping[str,
     path = Path(folder, file)
     try:
         real, below = path.resolve(), Path(folder).resolve()
-    except (OSError, ValueError, RuntimeError):  # a null character, or links in a circle
-        raise FileError(f"file {str(path)!r} cannot be read") from None
+    except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle
+        raise FileError(f"file {str(path)!r} cannot be read: {error}") from None
     if not context.get("allow_outside") and not real.is_relative_to(below):
         raise FileError(
             "must lie below the folder of the scenario, links resolved; --allow-outside (in Python "

@@ -9,7 +9,6 @@ writes, and no other program may be started.
 import base64
 import gc
 import hashlib
-import json
 import os
 import random
 import re
@@ -380,6 +379,26 @@ def _judged(name: str, call: Call) -> Iterator[str]:
         yield f"{name} says what lies outside"
 
 
+def _damage(r: random.Random, run: Path, outside: Path, done: list[Damage]) -> None:
+    for damage in done:
+        with suppress(OSError, UnicodeError):  # what another one left of it
+            damage(r, run, outside)
+
+
+def _in_another(work: Callable[[], None]) -> None:
+    """Do it in a child: what it takes of memory is not counted as that of the commands."""
+    child = os.fork()
+    if not child:
+        try:
+            work()
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+        os._exit(0)
+    if os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]):
+        raise RuntimeError("a folder could not be mutated")
+
+
 class Fuzzed(NamedTuple):
     """How many calls of each command, what failed, and the most that one took."""
 
@@ -413,9 +432,9 @@ def fuzz_folders(
             shutil.copytree(good, run)
             shutil.copytree(root / "outside", outside)
             done = [r.choice(DAMAGES) for _ in range(r.choice((1, 1, 2, 3)))]
-            for damage in done:
-                with suppress(OSError, UnicodeError):  # what another one left of it
-                    damage(r, run, outside)
+            _in_another(
+                lambda r=r, run=run, outside=outside, done=done: _damage(r, run, outside, done)
+            )
             before = _state(outside), _state(good)
             what = f"folder {number} ({', '.join(some.__name__.strip('_') for some in done)})"
             for command in commands:
@@ -460,8 +479,3 @@ def _two_robots() -> dict[str, Any]:
         "formation": {"edges": [[1, 2]]},
         "timeline": [cut, {"action": "pause", "at_s": 0.1, "robots": 2, "resume_after_s": 0.05}],
     }
-
-
-if __name__ == "__main__":
-    told = fuzz_folders(int(sys.argv[2]), int(sys.argv[1]), first=int(sys.argv[3]))
-    print(json.dumps(told._asdict(), indent=1))
