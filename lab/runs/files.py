@@ -25,7 +25,7 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, er
 
 MOST_BYTES = 2**26
 """A longer file in a run's folder is not read, but for tables."""
-MOST_VALUES = 2_000_000
+MOST_VALUES = 3_000_000
 """JSON with more values is not read: each takes some hundred bytes of memory."""
 MOST_NAMES = 10_000
 """How many names of a folder that may be anybody's are looked at."""
