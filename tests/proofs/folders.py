@@ -217,6 +217,7 @@ def fuzz_folders(
         good = _good(root)
         gc.freeze()  # a child that collects would copy all of this
         plain = shutil.copytree(good, root / "plain" / "runs" / "bad")
+        shutil.rmtree(plain / "figures")  # so that report draws them, as it may have to
         usual_s = {
             command: _called(COMMANDS[command], plain, good, root / "log").cpu_s
             for command in commands
