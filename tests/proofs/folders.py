@@ -215,6 +215,7 @@ def fuzz_folders(
     with TemporaryDirectory(prefix="formnet-folders-") as name:
         root = Path(name).resolve()
         good = _good(root)
+        gc.collect()
         gc.freeze()  # a child that collects would copy all of this
         plain = shutil.copytree(good, root / "plain" / "runs" / "bad")
         shutil.rmtree(plain / "figures")  # so that report draws them, as it may have to
@@ -244,6 +245,7 @@ def fuzz_folders(
                 failures.append(f"{what}: something outside was changed")
             failures += [f"{what}: {file} has what lies outside" for file in _leaks(run)]
             shutil.rmtree(place)
+    gc.unfreeze()
     return Fuzzed(calls, failures, most_cpu_s, most_resident)
 
 
