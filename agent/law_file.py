@@ -17,6 +17,7 @@ from typing import Any
 
 from formnet.agent.law import RAISED, Law, UnknownLaw, in_words, place
 from formnet.formation.briefing.situation import Situation
+from formnet.netem.files import regular
 from formnet.netem.files.problems import nearest
 
 MOST_BYTES = 2**20
@@ -42,21 +43,20 @@ class LawFile:
         return self.kind.rpartition(":")[0]
 
     @classmethod
-    def read(cls, argument: str, sha256: str | None = None) -> "LawFile":
+    def read(cls, argument: str, sha256: str | None = None, kind: str | None = None) -> "LawFile":
         """The law ``FILE:NAME``, whose file must have this SHA-256, if one is given.
 
         Raises:
             UnknownLaw: it cannot be read, or has another.
         """
         path, _, attribute = argument.rpartition(":")
+        real = Path(os.path.realpath(path))
         try:
-            with open(path, "rb") as stream:
-                source = stream.read(MOST_BYTES + 1)
+            with regular.reading(real, MOST_BYTES) as stream:
+                source = stream.read(MOST_BYTES)
         except OSError as error:
             raise UnknownLaw(f"{path} cannot be read: {error.strerror}") from None
-        if len(source) > MOST_BYTES:
-            raise UnknownLaw(f"{path} is longer than {MOST_BYTES >> 20} MiB")
-        found = cls(f"{Path(path).name}:{attribute}", os.path.abspath(path), attribute, source)
+        found = cls(kind or f"{real.name}:{attribute}", str(real), attribute, source)
         if sha256 not in (None, found.sha256):
             raise UnknownLaw(f"{path} has changed since the run began")
         return found

@@ -23,7 +23,7 @@ from typing import Any
 import psutil
 
 from benchmarks.scenarios import SECTION5
-from formnet.lab.runs.recording import read_links, read_states
+from formnet.lab.runs.tables import read_links, read_states
 from formnet.plant.host import START_PATIENCE_S
 
 PATIENCE_S = 1.0

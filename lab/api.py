@@ -177,6 +177,7 @@ def run(
     law: Callable[[Situation], Law] | Law | None = None,
     until_s: float | None = None,
     allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> Run:
     """Run a scenario in virtual time, in this process, and judge it.
 
@@ -191,13 +192,15 @@ def run(
         until_s: End the run there, as interrupted.
         allow_code: Execute the code in files that the scenario names (``law.kind =
             "laws.py:MyLaw"``); else only what ``formnet allow`` has allowed.
+        allow_outside: Whether traces and samples may lie outside the folder of the scenario (of
+            tables: the working directory).
 
     Raises:
         ScenarioError: the scenario is not valid, or its law cannot be had; every problem is named.
         LookupError: ``scenario`` names none.
         KeyboardInterrupt: by Ctrl-C, once the run has stopped.
     """
-    loaded = _loaded(scenario, overrides)
+    loaded = _loaded(scenario, overrides, allow_outside)
     factory: LawFactory = make
     file: LawFile | None = None
     if law is not None:
@@ -248,6 +251,7 @@ def check(
     *,
     lookahead: bool = True,
     allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> Check:
     """Validate a scenario and say what the theory makes of it, without running it.
 
@@ -257,12 +261,13 @@ def check(
         lookahead: Whether to follow the closed loop from the starts, to warn of a control period
             that is too long for the gains.
         allow_code: As for ``run``.
+        allow_outside: As for ``run``.
 
     Raises:
         ScenarioError: the scenario is not valid, or its law cannot be had.
         LookupError: ``scenario`` names none.
     """
-    loaded = _loaded(scenario, overrides)
+    loaded = _loaded(scenario, overrides, allow_outside)
     factory = _law_file(loaded, scenario, allow_code=allow_code) or make
     problem = accepts(resolve(loaded), factory)
     if problem is not None:
@@ -272,14 +277,12 @@ def check(
     return Check(loaded, found.theorem, found.why, told)
 
 
-def _loaded(scenario: Source, overrides: Overrides) -> Scenario:
+def _loaded(scenario: Source, overrides: Overrides, allow_outside: bool) -> Scenario:
     if isinstance(scenario, Scenario):
-        return from_tables(
-            scenario.model_dump(mode="json", by_alias=True, exclude_none=True), overrides
-        )
+        scenario = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
     if isinstance(scenario, Mapping):
-        return from_tables(scenario, overrides)
-    return load(find(str(scenario)), overrides)
+        return from_tables(scenario, overrides, allow_outside=allow_outside)
+    return load(find(str(scenario)), overrides, allow_outside=allow_outside)
 
 
 def _law_file(loaded: Scenario, source: Source, *, allow_code: bool) -> LawFile | None:

@@ -1,5 +1,6 @@
 """``partition``: who can still hear whom when the network falls apart."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -66,9 +67,9 @@ class PartitionAction(Table):
         if self.robot is not None and self.shape not in ("isolate", "bridge"):
             raise ValueError("robot belongs to the shapes 'isolate' and 'bridge'")
         members = [robot for group in self.groups or [] for robot in group]
-        twice = [robot for robot in members if members.count(robot) > 1]
-        if twice:
-            raise ValueError(f"robot {twice[0]} is in two groups, or twice in one")
+        twice = next((robot for robot, count in Counter(members).items() if count > 1), None)
+        if twice is not None:
+            raise ValueError(f"robot {twice} is in two groups, or twice in one")
         return self
 
     def named_robots(self) -> list[int]:

@@ -8,12 +8,15 @@ from pydantic import Discriminator, Field, Tag
 from formnet.formation.plan.selectors import RobotId
 from formnet.netem.files.tables import Positive, Table
 
+MOST_EDGES = 100_000
+
 
 class Formation(Table):
     """``[formation]``: who hears whom (undirected) and the weights b_ji = b_ij."""
 
     edges: list[Annotated[tuple[RobotId, RobotId], Field(strict=False)]] = Field(
-        description="The communication graph as pairs of robot ids; edges are undirected."
+        max_length=MOST_EDGES,
+        description="The communication graph as pairs of robot ids; edges are undirected.",
     )
     coupling: Annotated[
         Annotated[Positive, Tag("number")] | Annotated[dict[str, Positive], Tag("table")],

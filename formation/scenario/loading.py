@@ -34,21 +34,28 @@ class ScenarioError(ValueError):
         super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
 
 
-def load(path: Path, overrides: Overrides = ()) -> Scenario:
+def load(
+    path: Path,
+    overrides: Overrides = (),
+    *,
+    follow: bool = True,
+    allow_outside: bool = False,
+) -> Scenario:
     """Read, override and validate a scenario file; one of an older format is migrated in memory.
 
     ``overrides`` are values by key path (``{"law.beta": 5.0}``), or ``key.path=value`` texts, the
     value in TOML syntax (a bare word is taken as a string); robots are addressed by id:
-    ``robots.3.damping=1``.
+    ``robots.3.damping=1``. ``follow``: the file may be a symbolic link. The files that it names
+    are looked for in its folder, and must lie below that unless ``allow_outside``.
 
     Raises:
         ScenarioError: with every problem, or the one that stopped the reading.
     """
     try:
-        data = read_toml(path)
+        data = read_toml(path, follow=follow)
     except ValueError as error:
         raise _failure(str(path), str(error)) from None
-    return _built(data, str(path), overrides, path.parent)
+    return _built(data, str(path), overrides, _files(path.parent, allow_outside))
 
 
 def loads(
@@ -56,6 +63,8 @@ def loads(
     file: str = "scenario",
     overrides: Overrides = (),
     folder: Path | None = None,
+    *,
+    allow_outside: bool = False,
 ) -> Scenario:
     """:func:`load` from text; ``file`` is what errors call it.
 
@@ -66,27 +75,40 @@ def loads(
         data = parse_toml(text)
     except ValueError as error:
         raise _failure(file, str(error)) from None
-    return _built(data, file, overrides, folder)
+    context = {} if folder is None else _files(folder, allow_outside)
+    return _built(data, file, overrides, context)
 
 
 def from_tables(
-    tables: Mapping[str, Any], overrides: Overrides = (), name: str = "scenario"
+    tables: Mapping[str, Any],
+    overrides: Overrides = (),
+    name: str = "scenario",
+    *,
+    allow_outside: bool = False,
 ) -> Scenario:
     """:func:`load` of tables that are in memory; ``name`` is what errors call them.
 
-    A file that they name is looked for where the program runs.
+    A file that they name is looked for where the program runs, and must lie below that unless
+    ``allow_outside``.
     """
-    return _built(deepcopy(dict(tables)), name, overrides, Path())
+    return _built(deepcopy(dict(tables)), name, overrides, _files(Path(), allow_outside))
 
 
-def _built(data: dict[str, Any], file: str, overrides: Overrides, folder: Path | None) -> Scenario:
+def _files(folder: Path, allow_outside: bool) -> dict[str, Any]:
+    """What :class:`netem.files.from_file.FromFile` is told of where files may lie."""
+    return {"folder": folder, "allow_outside": allow_outside}
+
+
+def _built(
+    data: dict[str, Any], file: str, overrides: Overrides, context: dict[str, Any]
+) -> Scenario:
     try:
         migrate(data)
     except FormatError as error:
         problem = Problem(error.place, shown(error.value), error.rule)
         raise ScenarioError(file, [problem]) from None
     bad = _put(data, overrides)
-    scenario, found = _validate(data, folder)
+    scenario, found = _validate(data, context)
     bad += found
     if scenario is not None:
         places = tuple(problem.place for problem in bad)
@@ -143,13 +165,14 @@ def _read(text: str) -> tuple[str, Any] | Problem:
 # --- validation ----------------------------------------------------------------------
 
 
-def _validate(data: dict[str, Any], folder: Path | None) -> tuple[Scenario | None, list[Problem]]:
+def _validate(
+    data: dict[str, Any], context: dict[str, Any]
+) -> tuple[Scenario | None, list[Problem]]:
     """Build the scenario and say what is wrong with it.
 
     If something is, a copy is mended place by place until it can be built, so
     that the rules between values can be checked too. None if that fails.
     """
-    context = {} if folder is None else {"folder": folder}
     try:
         return Scenario.model_validate(data, context=context), []
     except ValidationError as error:

@@ -21,7 +21,7 @@ from formnet.formation.scenario.expect import Expect
 from formnet.formation.scenario.failures import Plant, Run
 from formnet.formation.scenario.graph import Formation
 from formnet.formation.scenario.law import LawSettings
-from formnet.formation.scenario.network import Neighbours, Network
+from formnet.formation.scenario.network import MOST_ENTRIES, Neighbours, Network
 from formnet.formation.scenario.robots import RobotTable, Vehicle
 from formnet.formation.wire.state import State
 from formnet.netem.files.tables import LongSeconds, Table, nanoseconds
@@ -31,6 +31,9 @@ from formnet.netem.settings.timeline import Timeline
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+MOST_ROBOTS = 1000
 
 
 class Scenario(Table):
@@ -43,8 +46,10 @@ class Scenario(Table):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)] = Field(
         description="Name of the run and its folder."
     )
-    description: str = Field(default="", description="Free text.")
-    seed: Annotated[int, Field(ge=0)] = Field(default=1, description="Seed of all random numbers.")
+    description: str = Field(default="", max_length=100_000, description="Free text.")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        default=1, description="Seed of all random numbers."
+    )
     duration_s: LongSeconds = Field(
         description="Length of the run; a multiple of clock.control_period_s."
     )
@@ -56,8 +61,12 @@ class Scenario(Table):
     plant: Plant = Plant()
     run: Run = Run()
     robot_defaults: Vehicle = Vehicle()
-    timeline: list[TimelineAction] = Field(default=[], description="Planned events.")
-    robots: Annotated[list[RobotTable], Field(min_length=1)] = Field(description="The robots.")
+    timeline: list[TimelineAction] = Field(
+        default=[], max_length=MOST_ENTRIES, description="Planned events."
+    )
+    robots: Annotated[list[RobotTable], Field(min_length=1, max_length=MOST_ROBOTS)] = Field(
+        description="The robots."
+    )
     expect: Expect | None = None
     hosts: Hosts | None = None
 

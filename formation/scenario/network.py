@@ -8,6 +8,9 @@ from formnet.formation.plan.selectors import Robots, pair_covers
 from formnet.netem.files.tables import STRICT, PositiveSeconds, Table
 from formnet.netem.settings.links import LinkOverrides, LinkSettings
 
+MOST_ENTRIES = 1000
+"""Of ``[[network.links]]``, and of the timeline."""
+
 
 class LinkRule(LinkOverrides):
     """``[[network.links]]``: settings for the links from any of ``from`` to any of ``to``.
@@ -35,7 +38,9 @@ class Network(Table):
         default=LinkSettings(), description="Settings of every directed link."
     )
     links: list[LinkRule] = Field(
-        default=[], description="Changes for some links; later ones override earlier ones."
+        default=[],
+        max_length=MOST_ENTRIES,
+        description="Changes for some links; later ones override earlier ones.",
     )
 
     def settings(self, source: int, destination: int) -> LinkSettings:

@@ -26,8 +26,29 @@ def broken_rules(scenario: Scenario) -> list[Problem]:
         *_check_hosts(scenario),
     ]
     if not found:  # which links there are is clear
+        found = [*_check_size(scenario)]
+    if not found:
         found = [*_check_links(scenario)] or [*_check_timeline(scenario)]
     return found
+
+
+MOST_EFFECTS = 2_000_000
+"""Entries of ``[[network.links]]`` and the timeline, times directed links: each pair is tried."""
+
+
+def _check_size(scenario: Scenario) -> Iterator[Problem]:
+    links = 2 * len(scenario.formation.edges)
+    for place, entries in (
+        ("network.links", scenario.network.links),
+        ("timeline", scenario.timeline),
+    ):
+        effects = len(entries) * links
+        if effects > MOST_EFFECTS:
+            yield Problem(
+                place,
+                f"{len(entries)} entries",
+                f"times {links} directed links: must be at most {MOST_EFFECTS} together",
+            )
 
 
 def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
@@ -196,9 +217,10 @@ def _check_window(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> Iterator[Problem]:
-    ids = sorted(set(scenario.ids))
+    known = scenario.vehicles
     for robot in dict.fromkeys(robots):
-        if robot not in ids:
+        if robot not in known:
+            ids = sorted(known)
             yield Problem(
                 place, None, f"robot {robot} does not exist (robots: {', '.join(map(str, ids))})"
             )

@@ -9,6 +9,7 @@ from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.results import Row
 from formnet.lab.runs import files
 from formnet.lab.runs.build import versions
+from formnet.netem.files import regular
 
 BEGIN, END = "<!-- formnet claims: begin -->", "<!-- formnet claims: end -->"
 
@@ -95,7 +96,7 @@ def around(file: Path) -> tuple[str, str]:
         NoBlock: BEGIN and END are not there, once each and in this order.
         OSError: the file cannot be read.
     """
-    text = file.read_text(encoding="utf-8")
+    text = regular.read(file, files.MOST_BYTES, follow=True).decode("utf-8")
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end or BEGIN in after or END in after:
@@ -106,4 +107,4 @@ def around(file: Path) -> tuple[str, str]:
 def put_into(file: Path, table: str) -> None:
     """Replace what stands between BEGIN and END in ``file``; raises as :func:`around`."""
     before, after = around(file)
-    files.replace(file, f"{before}{BEGIN}\n{table}{END}{after}")
+    files.write_to(file, f"{before}{BEGIN}\n{table}{END}{after}")

@@ -4,17 +4,19 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from formnet.agent.law_file import MOST_BYTES, LawFile
+from formnet.agent.law import UnknownLaw
+from formnet.agent.law_file import LawFile
 from formnet.formation.scenario.law import BY_FILE, LawSettings
 from formnet.lab.code import allowed
-from formnet.lab.runs import files
 
 
 class Given(NamedTuple):
-    """What the user says of code: ``--law FILE:NAME``, and ``--allow-code``."""
+    """What the user says of the files that a scenario names: ``--law FILE:NAME``, ``--allow-code``
+    and ``--allow-outside`` (of its folder)."""
 
     law: str | None = None
     allow_code: bool = False
+    allow_outside: bool = False
 
 
 NOTHING = Given()
@@ -58,7 +60,7 @@ def law_of(settings: LawSettings, folder: Path | None, given: Given = NOTHING) -
     """
     if given.law is not None:
         file, _, name = given.law.rpartition(":")
-        return _read(settings.kind, Path(os.path.realpath(file)), name)
+        return _read(settings.kind, file, name)
     if settings.file is None:
         return None
     file, name = settings.file
@@ -68,7 +70,7 @@ def law_of(settings: LawSettings, folder: Path | None, given: Given = NOTHING) -
     real = Path(os.path.realpath(root / file))
     if root not in real.parents:
         raise NoLaw(f"{file} leads out of the scenario's folder")
-    found = _read(settings.kind, real, name)
+    found = _read(settings.kind, str(real), name)
     if not given.allow_code and not allowed.has(real, found.sha256):
         raise NotAllowed(
             f"{name} is code in the file {file} (SHA-256 {found.sha256}), which is executed only "
@@ -77,13 +79,11 @@ def law_of(settings: LawSettings, folder: Path | None, given: Given = NOTHING) -
     return found
 
 
-def _read(kind: str, path: Path, name: str) -> LawFile:
+def _read(kind: str, path: str, name: str) -> LawFile:
     try:
-        with files.reading(path, MOST_BYTES) as stream:
-            source = stream.read()
-    except OSError as error:
-        raise NoLaw(f"{path.name} cannot be read: {error.strerror}") from None
-    found = LawFile(kind, str(path), name, source)
+        found = LawFile.read(f"{path}:{name}", kind=kind)
+    except UnknownLaw as error:
+        raise NoLaw(str(error)) from None
     problem = found.problem()
     if problem is not None:
         raise NoLaw(problem)

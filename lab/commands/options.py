@@ -106,6 +106,11 @@ ALLOW_CODE = click.option(
     help="Execute the code in files that the scenario names (else only what `formnet allow` has "
     "allowed).",
 )
+ALLOW_OUTSIDE = click.option(
+    "--allow-outside",
+    is_flag=True,
+    help="Read traces and samples from outside the scenario's folder, too.",
+)
 NO_LOOKAHEAD = click.option(
     "--no-lookahead",
     is_flag=True,

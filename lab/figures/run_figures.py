@@ -43,14 +43,13 @@ MOST_PLANNED = 30
 
 
 def draw(recording: Collected, folder: Path, stopped: Callable[[], bool] = lambda: False) -> None:
-    """Write every figure as PNG and SVG into ``folder``, and ``thumbnail.png``.
+    """Write every figure as PNG and SVG into ``folder``, which is there, and ``thumbnail.png``.
 
     Once ``stopped`` says so, those that are left are not drawn.
 
     Raises:
         OSError: a figure cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     for name, make in _figures(recording):
         if stopped():
             return

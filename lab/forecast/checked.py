@@ -54,7 +54,7 @@ def load_checked(
 ) -> Checked:
     """Load a scenario, see that its law can be had, and what is to be feared.
 
-    ``say`` takes where the law is, if it takes long. ``given`` is what the user says of code in
+    ``say`` takes where the law is, if it takes long. ``given`` is what the user says of other
     files. Without ``lookahead`` the law is not tried.
 
     Raises:
@@ -66,7 +66,7 @@ def load_checked(
         raise ScenarioError(str(path), [Problem("", None, str(error))]) from None
     if kind is not None:
         overrides = (*overrides, f'law.kind="{kind}"')
-    scenario = load(path, overrides)
+    scenario = load(path, overrides, allow_outside=given.allow_outside)
     try:
         law = law_of(scenario.law, path.parent, given)
     except NotAllowed as error:

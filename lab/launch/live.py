@@ -31,8 +31,8 @@ def find(folder: Path | None) -> tuple[str, str]:
     Raises:
         LookupError: no run in progress there.
     """
-    candidates = [folder / FILE] if folder is not None else list(Path("runs").glob(f"*/{FILE}"))
-    there = [file for file in candidates if file.is_file()]
+    candidates = [folder / FILE] if folder is not None else _below(Path("runs"))
+    there = [file for file in candidates if files.is_file(file.parent, FILE)]
     if folder is not None and not folder.exists():
         raise LookupError(f"{folder}: no such folder")
     if not there:
@@ -41,6 +41,20 @@ def find(folder: Path | None) -> tuple[str, str]:
             f"{where}: no run in progress there (on another machine: --connect with the "
             f"endpoint in {FILE} of the run folder there)"
         )
-    with files.reading(max(there, key=lambda file: file.stat().st_mtime)) as stream:
-        found = from_json(stream.read())
-    return found["endpoint"], found["run"]
+    newest = max(there, key=lambda file: file.stat().st_mtime)
+    try:
+        found = from_json(files.read_json(newest))
+        endpoint, run = found["endpoint"], found["run"]
+        if not isinstance(endpoint, str) or not isinstance(run, str):
+            raise TypeError
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LookupError(f"{newest}: does not say where a run goes on") from error
+    return endpoint, run
+
+
+def _below(folder: Path) -> list[Path]:
+    """The files of runs in a folder of runs."""
+    try:
+        return [folder / name / FILE for name in files.names(folder)]
+    except OSError:
+        return []

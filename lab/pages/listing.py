@@ -1,5 +1,6 @@
 """What lies in a folder of runs."""
 
+import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +19,10 @@ from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED, Verdic
 RUNNING, NO_END = "running", "did not end"
 BAD = {FAILS, NOT_JUDGED, NO_END, "diverged", "lost", "failed", "broken", "unreadable"}
 """The standings in which something is wrong."""
+
+
+_LONGEST = 200
+"""How many characters of what is wrong with a file are told."""
 
 
 class Entry(NamedTuple):
@@ -61,7 +66,14 @@ def look_into(folder: Path) -> tuple[list[Entry], list[str]]:
     """What runs and results lie in ``folder``, newest first, and the names of other folders."""
     entries, others = [], []
     for place in sorted(place for place in folder.iterdir() if place.is_dir()):
-        entry = look_at(place)
+        if place.is_symlink():
+            others.append(f"{place.name} (a symbolic link, which is not followed)")
+            continue
+        try:
+            entry = look_at(place)
+        except OSError as error:  # not ours to look into, or gone meanwhile
+            others.append(f"{place.name} ({error.strerror})")
+            continue
         if entry is None:
             others.append(place.name)
         else:
@@ -73,18 +85,18 @@ def look_at(folder: Path) -> Entry | None:
     """What ``folder`` holds; None if nothing of formnet."""
     for kind, look in (("claims", _claims), ("nemesis", _nemesis)):
         file = folder / f"{kind}.json"
-        if file.is_file():
+        if os.path.lexists(file):
             try:
-                with files.reading(file) as stream:
-                    return look(folder, from_json(stream.read()), _changed(file))
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                note = f"{file.name} cannot be read: {error!r}"
+                return look(folder, from_json(files.read_json(file)), _changed(file))
+            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+                reason = error.strerror if isinstance(error, OSError) else repr(error)[:_LONGEST]
+                note = f"{file.name} cannot be read: {reason}"
                 return Entry(
                     folder, "broken", folder.name, _changed(file), "unreadable", {}, note=note
                 )
-    if any((folder / name).is_file() for name in ("scenario.toml", "verdict.json")):
+    if any(os.path.lexists(folder / name) for name in ("scenario.toml", "verdict.json")):
         return _run(folder)
-    if (folder / "cases").is_dir():
+    if files.is_folder(folder / "cases"):
         return Entry(
             folder, "claims", folder.name, _changed(folder), NO_END, {}, note="no claims.json (yet)"
         )
@@ -103,7 +115,7 @@ def _run(folder: Path) -> Entry:
     try:
         judged = read(folder)
     except Unreadable as error:
-        missing = not (folder / "verdict.json").exists()
+        missing = not os.path.lexists(folder / "verdict.json")
         how = standing(None, None, running=running) if missing else "unreadable"
         return Entry(
             folder,
@@ -167,7 +179,7 @@ def _began(folder: Path) -> str:
 
 
 def _changed(place: Path) -> str:
-    changed = datetime.fromtimestamp(place.stat().st_mtime, UTC)
+    changed = datetime.fromtimestamp(place.lstat().st_mtime, UTC)
     return changed.astimezone().isoformat(timespec="seconds")
 
 

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
+from pathlib import Path
 from typing import NamedTuple
 
 from formnet.formation.scenario.expect import ERRORS
@@ -25,6 +26,8 @@ _TITLES = {
 _KNOWN = {*_TITLES, "thumbnail"}
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _MOST_OTHERS = 20
+MOST_BYTES = 16 * 2**20
+"""Of all figures of a page; those that do not fit are left out."""
 
 
 class Picture(NamedTuple):
@@ -40,21 +43,34 @@ def pictures(run: Recorded) -> Iterator[Picture]:
     """Every figure there is, as PNG or SVG, whichever is smaller."""
     titles = _TITLES | {"errors": claim_words.capital(claim_words.errors(run.scenario))}
     titles |= {name: claim_words.capital(name.replace("-", " ")) for name in _others(run)}
+    left = MOST_BYTES
     for name, title in titles.items():
-        found: list[tuple[bytes, str]] = []
-        for suffix, kind in (("png", "image/png"), ("svg", "image/svg+xml")):
-            file = run.folder / "figures" / f"{name}.{suffix}"
-            with suppress(OSError), files.reading(file) as stream:
-                found.append((stream.read(), kind))
-        if found:
-            data, kind = min(found, key=lambda item: len(item[0]))
+        found = _smaller(run.folder, name, left)
+        if found is not None:
+            data, kind = found
+            left -= len(data)
             source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
             yield Picture(name, title, source, _in_words(name, run) or f"{title}.")
 
 
+def _smaller(folder: Path, name: str, most_bytes: int) -> tuple[bytes, str] | None:
+    """A figure as PNG or SVG, whichever is smaller, and its media type; None: there is none."""
+    found: tuple[bytes, str] | None = None
+    for suffix, kind in (("png", "image/png"), ("svg", "image/svg+xml")):
+        with suppress(OSError):
+            file = files.subfolder(folder, "figures") / f"{name}.{suffix}"
+            with files.reading(file, most_bytes if found is None else len(found[0])) as stream:
+                found = stream.read(most_bytes), kind
+    return found
+
+
 def _others(run: Recorded) -> list[str]:
     """Figures that this module does not know (see :mod:`formnet.lab.figures`), by name."""
-    found = sorted(path.stem for path in (run.folder / "figures").glob("*.png"))
+    try:
+        there = files.names(files.subfolder(run.folder, "figures"))
+    except OSError:
+        return []
+    found = [name.removesuffix(".png") for name in there if name.endswith(".png")]
     names = (name for name in found if _NAME.fullmatch(name) and name not in _KNOWN)
     return list(islice(names, _MOST_OTHERS))
 

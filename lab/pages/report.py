@@ -80,11 +80,11 @@ def write_report(folder: Path, *, draw_missing: bool = False) -> Path:
         Unreadable, ScenarioError: there is no run.
         OSError: the page cannot be written.
     """
-    run = read_run(folder, tables=draw_missing and not (folder / "figures").is_dir())
+    run = read_run(folder, tables=draw_missing and not os.path.lexists(folder / "figures"))
     if run.samples or run.link_rows:
         from formnet.lab.figures import run_figures as figures
 
-        figures.draw(run, folder / "figures")
+        figures.draw(run, files.subfolder(folder, "figures", made=True))
     files.replace(folder / "report.html", page(run))
     return folder / "report.html"
 
@@ -93,7 +93,7 @@ def write_index(folder: Path, entries: Sequence[runs.Entry]) -> str | None:
     """Write ``index.html`` into a folder of runs; why it cannot be, if so."""
     file = folder / "index.html"
     try:
-        if file.exists() and _MARK not in file.read_text(encoding="utf-8", errors="replace")[:500]:
+        if os.path.lexists(file) and not _is_ours(file):
             return f"{file} is there already and not formnet's; it is left as it is"
         files.replace(file, index(entries))
     except OSError as error:
@@ -101,11 +101,20 @@ def write_index(folder: Path, entries: Sequence[runs.Entry]) -> str | None:
     return None
 
 
+def _is_ours(index: Path) -> bool:
+    """Whether a page was written here: a regular file that says so."""
+    try:
+        with files.reading(index) as stream:
+            return _MARK.encode() in stream.read(500)
+    except OSError:
+        return False
+
+
 def page(run: Recorded) -> str:
     """The page about a run as HTML."""
     judged, scenario = run.verdict, run.scenario
     standing = runs.standing(judged, run.outcome, running=run.running)
-    moments = list(_moments(run))
+    moments = _happened(run)
     hidden = max(0, len(moments) - FIRST_EVENTS - LAST_EVENTS)
     cut = FIRST_EVENTS if hidden else len(moments)
     drawn = list(pictures(run))
@@ -128,9 +137,9 @@ def page(run: Recorded) -> str:
             in_runs=_in_runs(run.folder),
             sections=_sections(run, [item.name for item in drawn]),
             pictures=drawn,
-            first=moments[:cut],
+            first=list(map(_moment, moments[:cut])),
             hidden=hidden,
-            last=moments[cut + hidden :],
+            last=list(map(_moment, moments[cut + hidden :])),
             window_s=None if judged is None else _window_s(judged),
             lost_share=_lost_share(judged),
             most_links=MOST_LINKS,
@@ -284,18 +293,21 @@ def _falling(judged: Verdict) -> bool:
     )
 
 
-def _moments(run: Recorded) -> Iterator[Moment]:
+def _happened(run: Recorded) -> list[Event | Outcome | float]:
     """The events in order of time, and when the errors settled among them."""
-    found = [_moment(event) for event in run.told if event.severity is not Severity.DEBUG]
+    found: list[Event | Outcome | float] = [
+        event for event in run.told if event.severity is not Severity.DEBUG
+    ]
     settled = None if run.verdict is None else run.verdict.settling_time_s
     if settled is not None:
-        found.append(
-            Moment(settled, "settled", "errors stay within their tolerances from here on", "good")
-        )
-    yield from sorted(found, key=lambda moment: moment.t_s)
+        found.append(settled)
+    return sorted(found, key=lambda one: one if isinstance(one, float) else one.t_ns / 1e9)
 
 
-def _moment(event: Event | Outcome) -> Moment:
+def _moment(event: Event | Outcome | float) -> Moment:
+    if isinstance(event, float):
+        settled = "errors stay within their tolerances from here on"
+        return Moment(event, "settled", settled, "good")
     bad = event.severity in (Severity.WARNING, Severity.ERROR)
     words = event.words
     words = words if len(words) <= _MOST_LETTERS else words[:_MOST_LETTERS] + "…"
@@ -342,4 +354,9 @@ def _in_runs(folder: Path) -> bool:
 
 def _there(folder: Path, name: str) -> str | None:
     """The address of a file in a run's folder, relative to the index, if it is there."""
-    return quote(os.fsencode(f"{folder.name}/{name}")) if (folder / name).is_file() else None
+    return quote(os.fsencode(f"{folder.name}/{name}")) if _is_there(folder, name) else None
+
+
+def _is_there(folder: Path, name: str) -> bool:
+    place, _, _ = name.rpartition("/")
+    return (not place or files.is_folder(folder / place)) and files.is_file(folder, name)

@@ -19,6 +19,8 @@ from formnet.lab.runs import files
 
 EVENTS = "events.jsonl"
 _MOST_S = 2**63 / 1e9
+LONGEST_LINE, MOST_LINES = 2**20, 50_000
+"""A line that is longer, and what comes after so many, is not read."""
 
 
 class Line(NamedTuple):
@@ -49,7 +51,14 @@ def read_events(folder: Path, robots: Robots = None) -> Iterator[Line]:
         Malformed: a line is none; the text says which, and what is wrong.
     """
     with files.reading(folder / EVENTS) as lines:
-        for number, line in enumerate(lines, start=1):
+        for number in range(1, MOST_LINES + 2):
+            line = lines.readline(LONGEST_LINE + 1)
+            if not line:
+                return
+            if len(line) > LONGEST_LINE:
+                raise Malformed(f"line {number}: is longer than {LONGEST_LINE} bytes")
+            if number > MOST_LINES:
+                raise Malformed(f"line {number}: at most {MOST_LINES} lines are read")
             if not line.endswith(b"\n"):
                 return
             try:

@@ -1,21 +1,34 @@
-"""Files written whole or not at all: half of one is never seen, and never left behind."""
+"""Files of a run's folder, which may be anybody's.
+
+They are written whole or not at all: half of one is never seen, and never left behind. Of what
+lies in such a folder no symbolic link is followed, whether it is read or written.
+"""
 
 import errno
 import os
 import secrets
+import shutil
 import stat
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from io import FileIO
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
-_NO_LINKS = (errno.EPERM, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
+from formnet.netem.files import regular
+from formnet.netem.files.regular import blamed_on
+
+_NO_HARD_LINKS = (errno.EPERM, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 """What link(2) says on file systems that have no hard links (FAT, some on networks)."""
 
 
 MOST_BYTES = 2**26
 """A longer file in a run's folder is not read, but for tables."""
-_NO_SURPRISES = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
+MOST_VALUES = 3_000_000
+"""JSON with more values is not read: each takes some hundred bytes of memory."""
+MOST_NAMES = 10_000
+"""How many names of a folder that may be anybody's are looked at."""
 
 
 def write_new(path: Path, data: str | bytes, mode: int = 0o666) -> None:
@@ -30,42 +43,67 @@ def write_new(path: Path, data: str | bytes, mode: int = 0o666) -> None:
     Either names ``path`` as its ``filename``.
     """
     content = as_bytes(data)
-    with _blamed_on(path):
+    with blamed_on(path):
         if os.path.lexists(path):  # before anything is written: the disk may be full
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
-        with _part(path.parent, content, mode) as part:
-            try:
-                os.link(part, path)  # unlike rename(2), this does not replace what is there
-            except OSError as error:
-                if error.errno not in _NO_LINKS:
-                    raise
-                _create(path, content, mode)
+        with _part(path.parent, mode) as (part, stream):
+            stream.write(content)
+            stream.close()
+            _name(part, path, mode)
+
+
+@contextmanager
+def new(path: Path) -> Iterator[IO[bytes]]:
+    """A new file to write to, which appears under its name once it is whole.
+
+    Raises:
+        FileExistsError: there is something of that name; nothing is overwritten.
+        OSError: it cannot be written; nothing is left behind.
+    """
+    with _part(path.parent, 0o666) as (part, stream):
+        yield stream
+        stream.close()
+        with blamed_on(path):
+            _name(part, path, 0o666)
 
 
 def replace(path: Path, data: str | bytes) -> None:
-    """Write a file, text as UTF-8, in the place of what is there, which keeps its permissions.
+    """Write a file, text as UTF-8, in the place of what is there.
 
-    Who reads it sees the old file or the new one, whole. A symbolic link is followed, and what is
-    no regular file, such as a pipe, is written to.
+    Who reads it sees the old file or the new one, whole. Permissions stay. What is no regular
+    file, such as a link, is not followed or written to: the new file takes its place.
 
     Raises:
         OSError: it cannot be written; what was there still is. ``filename`` is ``path``.
     """
     content = as_bytes(data)
-    with _blamed_on(path):
+    with blamed_on(path):
         try:
-            before = path.stat().st_mode
+            before = path.lstat().st_mode
         except FileNotFoundError:
-            before = stat.S_IFREG
-        if not stat.S_ISREG(before):
+            before = 0
+        with _part(path.parent, 0o666) as (part, stream):
+            stream.write(content)
+            stream.close()
+            if stat.S_ISREG(before) and before & 0o777:
+                part.chmod(before & 0o777)
+            part.replace(path)
+
+
+def write_to(path: Path, data: str | bytes) -> None:
+    """:func:`replace`, of a path that the user named.
+
+    A symbolic link is followed, and what is no regular file, such as a pipe, is written to.
+
+    Raises:
+        OSError: as there.
+    """
+    with blamed_on(path):
+        if path.exists() and not path.is_file():
             with path.open("wb") as stream:
-                stream.write(content)
+                stream.write(as_bytes(data))
             return
-        target = path.resolve()
-        with _part(target.parent, content, 0o666) as part:
-            if stat.S_IMODE(before):
-                part.chmod(stat.S_IMODE(before))
-            part.replace(target)
+        replace(path.resolve(), data)
 
 
 def replace_all(new: Sequence[tuple[Path, bytes, int]]) -> None:
@@ -80,37 +118,99 @@ def replace_all(new: Sequence[tuple[Path, bytes, int]]) -> None:
     with ExitStack() as parts:
         ready = []
         for path, content, mode in new:
-            with _blamed_on(path):
-                ready.append((parts.enter_context(_part(path.parent, content, mode)), path))
+            with blamed_on(path):
+                part, stream = parts.enter_context(_part(path.parent, mode))
+                stream.write(content)
+                stream.close()
+                ready.append((part, path))
         for part, path in ready:
-            with _blamed_on(path):
+            with blamed_on(path):
                 part.replace(path)
 
 
 def reading(path: Path, most_bytes: int = MOST_BYTES) -> IO[bytes]:
-    """Open a file in a folder that may be anybody's: a regular one, of at most so many bytes.
+    """Open a file in a folder that may be anybody's (:func:`netem.files.regular.reading`)."""
+    return regular.reading(path, most_bytes)
+
+
+def read_json(path: Path) -> bytes:
+    """JSON in a folder that may be anybody's, not parsed; of at most MOST_VALUES values.
 
     Raises:
-        OSError: it is not there, is longer, or is a link, a pipe or a device, none of which is
-            followed or waited for. ``filename`` is ``path``.
+        OSError: as :func:`reading`, or it has more.
     """
-    with _blamed_on(path):
+    with reading(path) as stream:
+        content = stream.read(MOST_BYTES)
+    if sum(map(content.count, (b",", b"[", b"{"))) > MOST_VALUES:
+        raise OSError(errno.EFBIG, f"it has more than {MOST_VALUES} values", str(path))
+    return content
+
+
+def subfolder(folder: Path, name: str, *, made: bool = False) -> Path:
+    """A folder in one that may be anybody's; ``made``: it is made if it is not there.
+
+    Raises:
+        OSError: it is a symbolic link, which is not followed, or no folder, or cannot be made.
+    """
+    place = folder / name
+    with blamed_on(place):
+        if made:
+            with suppress(FileExistsError):
+                place.mkdir()
         try:
-            handle = os.open(path, os.O_RDONLY | _NO_SURPRISES)
-        except OSError as error:
-            if error.errno == errno.ELOOP:
-                error.strerror = "it is a symbolic link, which is not followed"
-            raise
-        try:
-            found = os.fstat(handle)
-            if not stat.S_ISREG(found.st_mode):
-                raise OSError(errno.EINVAL, "it is no regular file")
-            if found.st_size > most_bytes:
-                raise OSError(errno.EFBIG, f"it is longer than {most_bytes >> 20} MiB")
-        except OSError:
-            os.close(handle)
-            raise
-        return os.fdopen(handle, "rb")
+            mode = place.lstat().st_mode
+        except FileNotFoundError:
+            return place
+        if stat.S_ISLNK(mode):
+            raise OSError(errno.ELOOP, "it is a symbolic link, which is not followed")
+        if not stat.S_ISDIR(mode):
+            raise OSError(errno.ENOTDIR, "it is no folder")
+    return place
+
+
+def is_file(folder: Path, name: str) -> bool:
+    """Whether a folder that may be anybody's has a regular file of that name; no link is one."""
+    return _is(stat.S_ISREG, folder / name)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder; no link is one."""
+    return _is(stat.S_ISDIR, path)
+
+
+def _is(kind: Callable[[int], bool], path: Path) -> bool:
+    try:
+        return kind(path.lstat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def names(folder: Path) -> list[str]:
+    """What is in a folder that may be anybody's, ascending; of MOST_NAMES at most.
+
+    Raises:
+        OSError: it cannot be looked into.
+    """
+    with os.scandir(folder) as found:
+        return sorted(entry.name for entry in islice(found, MOST_NAMES))
+
+
+def appending(path: Path) -> IO[str]:
+    """A file of ours, to add lines to; no link is followed. Raises OSError."""
+    return open(path, "a", encoding="utf-8", opener=_no_links)
+
+
+def binary(path: Path, *, made: bool) -> FileIO:
+    """A file of ours to write to, unbuffered: a new one, or (``made``) one that is there.
+
+    Raises:
+        OSError: there is one, or (``made``) none, or it is a link.
+    """
+    return open(path, "r+b" if made else "xb", buffering=0, opener=_no_links)
+
+
+def _no_links(path: str, flags: int) -> int:
+    return os.open(path, flags | regular.NO_LINKS, 0o666)
 
 
 def as_bytes(data: str | bytes) -> bytes:
@@ -133,31 +233,34 @@ def attempt(write: Callable[[], object]) -> list[OSError]:
 
 
 @contextmanager
-def _part(folder: Path, content: bytes, mode: int) -> Iterator[Path]:
+def _part(folder: Path, mode: int) -> Iterator[tuple[Path, IO[bytes]]]:
     """A file of some new name in ``folder``, which is gone in the end unless it was moved."""
     part = folder / f".formnet-{secrets.token_hex(8)}.part"
-    _create(part, content, mode)
+    stream = _created(part, mode)
     try:
-        yield part
+        with stream:
+            yield part, stream
     finally:
         part.unlink(missing_ok=True)
 
 
-def _create(path: Path, content: bytes, mode: int) -> None:
-    """A file that was not there; none if it cannot be written whole."""
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+def _name(part: Path, path: Path, mode: int) -> None:
+    """Give ``part`` the name ``path``; raises FileExistsError if something has it."""
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-    except BaseException:
-        path.unlink()
-        raise
-
-
-@contextmanager
-def _blamed_on(path: Path) -> Iterator[None]:
-    """Every OSError is one of ``path``, whichever file or descriptor it was about."""
-    try:
-        yield
+        os.link(part, path)  # unlike rename(2), this does not replace what is there
     except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        if error.errno not in _NO_HARD_LINKS:
+            raise
+        with _created(path, mode) as stream:
+            try:
+                with part.open("rb") as source:
+                    shutil.copyfileobj(source, stream)
+            except BaseException:
+                path.unlink()
+                raise
+
+
+def _created(path: Path, mode: int) -> IO[bytes]:
+    """A file that was not there: O_EXCL follows no link either (open(2))."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | regular.NO_LINKS
+    return os.fdopen(os.open(path, flags, mode), "wb")

@@ -7,7 +7,7 @@
 import hashlib
 import sys
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy
 from datetime import UTC, datetime
@@ -201,7 +201,7 @@ class Recording(Collected):
         self._lines: list[str] = []
         self._behind = False  # the file lacks lines, or has half of one
         self._saved: set[str] = set()
-        self._file = (folder / EVENTS).open("a", encoding="utf-8")
+        self._file = files.appending(folder / EVENTS)
         with suppress(OSError):  # a file system without locks
             _lock(self._file)
         try:
@@ -286,44 +286,6 @@ def _lock(file: IO[Any]) -> None:
     """Hold ``file`` until it is closed or this process ends. Raises OSError if it is held."""
     if sys.platform != "win32":
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def read_states(folder: Path) -> list[Sample]:
-    """The samples in a run's folder.
-
-    Raises:
-        OSError, ValueError, KeyError: there is no such table, or it is another.
-    """
-    return [Sample(*row) for row in _rows(folder / STATES, STATES_SCHEMA)]
-
-
-def read_links(folder: Path) -> list[LinkRow]:
-    """The fates of messages in a run's folder; raises as :func:`read_states`."""
-    return [LinkRow(*row) for row in _rows(folder / LINKS, LINKS_SCHEMA)]
-
-
-MOST_TABLE_BYTES, MOST_ROWS = 2**32, 20_000_000
-"""A table that is longer is not read."""
-
-
-def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """A table in a run's folder, or these of its columns; looked at before it is read.
-
-    Raises:
-        OSError, ValueError, KeyError: there is no such table, or one that is too long.
-    """
-    with files.reading(file, MOST_TABLE_BYTES) as stream:  # its name may be no text
-        parquet = pq.ParquetFile(stream)
-        rows = parquet.metadata.num_rows
-        if rows > MOST_ROWS:
-            raise ValueError(f"{file.name} has {rows} rows; at most {MOST_ROWS} are read")
-        # With threads, a process that ends early under load aborts at its end more often.
-        return parquet.read(columns, use_threads=False)
-
-
-def _rows(file: Path, schema: pa.Schema) -> Iterator[tuple[Any, ...]]:
-    table = read_table(file, schema.names)
-    return zip(*(table.column(name).to_pylist() for name in schema.names), strict=True)
 
 
 def table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:

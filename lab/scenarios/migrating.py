@@ -8,17 +8,17 @@ import tomlkit
 from formnet.formation.formats.migration import FORMAT, format_of, migrate
 from formnet.formation.scenario.loading import ScenarioError, load, loads
 from formnet.netem.files.problems import Problem
+from formnet.netem.files.toml import text_of
 
 
-def migrated(file: Path) -> tuple[str, list[str]]:
+def migrated(file: Path, *, follow: bool = True) -> tuple[str, list[str]]:
     """The text of ``file`` in the current format, and what was changed (nothing: it is current).
 
     Raises:
         ScenarioError: it is no valid scenario; every problem of it.
     """
-    before = load(file)
-    with file.open(encoding="utf-8-sig", newline="") as stream:
-        text = stream.read()
+    before = load(file, follow=follow, allow_outside=True)
+    text = text_of(file, follow=follow).removeprefix("\ufeff")
     tables = tomlkit.parse(text)
     old = format_of(tables)
     if old == FORMAT:
@@ -28,7 +28,8 @@ def migrated(file: Path) -> tuple[str, list[str]]:
     new = tomlkit.dumps(tables)
     if not stated:
         new = _with_first_key(new, f"format = {FORMAT}")
-    if loads(new, str(file), folder=file.parent) != before:  # never write what runs differently
+    again = loads(new, str(file), folder=file.parent, allow_outside=True)
+    if again != before:  # never write what runs differently
         rule = "cannot be rewritten without changing what it says; please report it"
         raise ScenarioError(str(file), [Problem("", None, rule)])
     return new, changes

@@ -39,8 +39,11 @@ def find(argument: str) -> Path:
     name = short.get(argument, argument)
     if name in names:  # also where a run's folder has that name: ./yard is another word
         return names[name]
-    if (path / "scenario.toml").is_file():
-        return path / "scenario.toml"
+    inside = path / "scenario.toml"
+    if inside.is_symlink():
+        raise LookupError(f"{inside}: it is a symbolic link, which is not followed")
+    if inside.is_file():
+        return inside
     here = {file.stem: str(file) for file in path.parent.glob("*.toml")}
     near = get_close_matches(path.stem, known := short | here, n=3, cutoff=0.5)
     hint = f"did you mean {', '.join(known[word] for word in near)}? " if near else ""

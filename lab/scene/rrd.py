@@ -23,6 +23,7 @@ from formnet.formation.records.stream import Record
 from formnet.formation.scenario.loading import ScenarioError, load
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.process import to_end
+from formnet.lab.runs import files
 from formnet.lab.runs.exits import BROKEN
 from formnet.lab.runs.files import as_text
 from formnet.lab.runs.recording import SCENARIO
@@ -49,7 +50,7 @@ class Outlet:
     def __init__(self, file: Path, *, made: bool = False) -> None:
         self.error: OSError | None = None
         self._place = file
-        self._file = open(file, "r+b" if made else "xb", buffering=0)  # noqa: SIM115
+        self._file = files.binary(file, made=made)
         self._from, self._to = os.pipe()
         self.path = Path(f"/dev/fd/{self._to}")
         self._writer = threading.Thread(target=self._write, daemon=True)
@@ -132,7 +133,7 @@ def write(folder: Path, source: int) -> None:
         OSError: the file could not be written, and is away.
         Malformed, ScenarioError: what is read is no such stream, or of no such run.
     """
-    scenario = load(folder / SCENARIO)
+    scenario = load(folder / SCENARIO, follow=False)
     reader, file = Reader(scenario.ids), RunFile(folder, scenario, made=True)
     lyapunov: Lyapunov | None = None
     while True:

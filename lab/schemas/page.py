@@ -55,7 +55,10 @@ class Tables:
         kind = entry.get("type")
         if kind == "array":
             inner = self.type_of(entry["items"])
-            return f"pair of {inner}" if entry.get("maxItems") == 2 else f"list of {inner}"
+            most = entry.get("maxItems")
+            if most == 2:
+                return f"pair of {inner}"
+            return f"list of {inner}" if most is None else f"list of at most {most}: {inner}"
         names = {
             "number": "number",
             "integer": "whole number",

@@ -34,6 +34,16 @@ times of the timeline are at most 3600; the lengths of a run, a window and a tra
 `duration_s` and `clock.broadcast_period_s` must be multiples of `clock.control_period_s` to the
 nanosecond: 1/60 s is 16666667 ns, and 0.1 s is not a multiple of that.
 
+**Bounds.** A file is a regular one of at most 2 MiB. Tables and lists are at most 32 deep, a dotted
+key has at most 32 parts, keys and numbers have at most 100 characters, whole numbers 64 bits. There
+are at most 1000 robots, 100,000 edges, 1000 entries each of the timeline and of
+`[[network.links]]`, and 2,000,000 of these entries times directed links. A CSV file has at most
+32 MiB and 1,000,000 rows. The same holds for `--set` and for what comes over the bus.
+
+**Files.** A `file` of numbers must lie below the folder of the scenario, symbolic links resolved;
+`--allow-outside` (in Python, `allow_outside=True`) reads others, too. Errors name its line and
+column, never what stands there.
+
 **Gains and periods.** `formnet check` and `formnet run` simulate the start of the run, linearise
 the closed loop repeatedly, and warn if commands are held for longer than 2/|λ|, where λ is its
 fastest eigenvalue: such a run chatters or diverges. The warning suggests a period or a `law.beta`.
@@ -145,4 +155,4 @@ class _Page(Tables):
 
 
 if __name__ == "__main__":
-    files.replace(Path(sys.argv[1]), reference())
+    files.write_to(Path(sys.argv[1]), reference())

@@ -44,8 +44,7 @@ def read(folder: Path) -> Verdict:
         Unreadable: there is none, it is too long, or not of a format that can be read.
     """
     try:
-        with files.reading(folder / FILE) as stream:
-            content = stream.read()
+        content = files.read_json(folder / FILE)
     except FileNotFoundError:
         raise Unreadable(f"has no {FILE}") from None
     except OSError as error:

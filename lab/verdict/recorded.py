@@ -1,5 +1,6 @@
 """A run read back from its folder, as far as it is there."""
 
+import os
 from pathlib import Path
 
 from formnet.formation.records.outcome import Outcome
@@ -13,9 +14,8 @@ from formnet.lab.runs.recording import (
     STATES,
     Collected,
     being_written,
-    read_links,
-    read_states,
 )
+from formnet.lab.runs.tables import read_links, read_states
 from formnet.lab.verdict import files
 from formnet.lab.verdict.files import Unreadable
 from formnet.lab.verdict.model import Verdict
@@ -59,7 +59,9 @@ def read_run(folder: Path, *, tables: bool = True) -> Recorded:
         raise Unreadable("has no scenario.toml; formnet run leaves one") from None
     except OSError as error:
         raise Unreadable(f"{SCENARIO} cannot be read: {error.strerror}") from None
-    run = Recorded(folder, load(folder / SCENARIO).without_hosts)  # older ones have them
+    run = Recorded(
+        folder, load(folder / SCENARIO, follow=False).without_hosts
+    )  # older ones have them
     try:
         run.verdict = files.read(folder)
     except Unreadable as error:
@@ -90,17 +92,14 @@ def read_whole(folder: Path) -> Recorded:
 
 def _read_tables(run: Recorded) -> list[str]:
     """Read states and messages; what is wrong with them."""
-    missing = [name for name in (STATES, LINKS) if not (run.folder / name).is_file()]
+    missing = [name for name in (STATES, LINKS) if not os.path.lexists(run.folder / name)]
     if missing:
         return [f"has no {name}" for name in missing]
     try:
-        samples, run.link_rows = read_states(run.folder), read_links(run.folder)
-    except (ValueError, KeyError, OSError) as error:  # pyarrow's errors are among them
+        samples = read_states(run.folder, run.scenario)
+        run.link_rows = read_links(run.folder, run.scenario)
+    except (ValueError, OSError) as error:
         return [f"{STATES} or {LINKS} cannot be read: {error}"]
-    if [sample.robot for sample in samples] != run.scenario.ids * (
-        len(samples) // len(run.scenario.ids)
-    ):
-        return [f"{STATES} is not about the scenario's robots in their order"]
     run.samples = samples
     return []
 

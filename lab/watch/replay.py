@@ -5,12 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from formnet.formation.scenario.loading import load
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.launch.signals import stop_signals
-from formnet.lab.runs.recording import STATES, read_table
+from formnet.lab.runs import files
+from formnet.lab.runs.recording import SCENARIO, STATES, STATES_SCHEMA
+from formnet.lab.runs.tables import most_samples, read_table
 from formnet.lab.scene.blueprint import NOWHERE, blueprint, half_width
 from formnet.lab.scene.viewer import Viewer
 from formnet.lab.scene.writer import FILE
@@ -33,10 +35,10 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
     """
     if (problem := not_a_folder(folder)) is not None:
         raise NoScene(f"{folder}: {problem}")
-    if not (folder / FILE).is_file():
+    if not files.is_file(folder, FILE):
         raise NoScene(f"{folder}: has no {FILE} (made by `formnet run`)")
-    scenario = load(folder / "scenario.toml")
-    layout = blueprint(scenario, half_width(scenario, _places(folder)), speed=speed)
+    scenario = load(folder / SCENARIO, follow=False)
+    layout = blueprint(scenario, half_width(scenario, _places(folder, scenario)), speed=speed)
     with stop_signals() as stopped, tempfile.TemporaryDirectory() as place:
         plan = Path(place) / "formnet.rbl"
         layout.save("formnet", str(plan))
@@ -50,10 +52,10 @@ def replay(folder: Path, speed: float, *, web: bool, say: Callable[[str], None])
             viewer.close()
 
 
-def _places(folder: Path) -> NDArray[np.float64]:
+def _places(folder: Path, scenario: Scenario) -> NDArray[np.float64]:
     """Where the robots were, (n, 2); none if the run left no table."""
     try:
-        table = read_table(folder / STATES, ["x_m", "y_m"])
+        table = read_table(folder / STATES, STATES_SCHEMA, most_samples(scenario), ["x_m", "y_m"])
         return np.column_stack([table.column(axis).to_numpy() for axis in ("x_m", "y_m")])
-    except (OSError, pa.ArrowException, KeyError, ValueError):  # it broke off, or is damaged
+    except (OSError, ValueError):  # it broke off, or is damaged
         return NOWHERE

@@ -1,6 +1,7 @@
 """``formnet export``: a run for other programs, as CSV or MCAP."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from formnet.lab.runs.events_file import read_events
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import RunExists, filled
-from formnet.lab.runs.recording import LINKS, STATES, read_table
+from formnet.lab.runs.recording import LINKS, LINKS_SCHEMA, STATES, STATES_SCHEMA
+from formnet.lab.runs.tables import read_table
 from formnet.lab.text.console import Console, escape
 from formnet.lab.text.problems import report_problems
 from formnet.lab.verdict.files import Unreadable
@@ -26,7 +28,8 @@ def export_run(folder: Path, kind: str, out: Path | None) -> int:
     write, name = _FORMATS[kind]
     place = out or folder / name
     try:
-        write(read_whole(folder), place)
+        run = read_whole(folder)
+        write(run, files.subfolder(folder, name) if out is None and kind == "csv" else place)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -54,8 +57,8 @@ def write_csv(run: Recorded, folder: Path) -> None:
 
 
 def _write_all(run: Recorded, folder: Path) -> None:
-    for name in (STATES, LINKS):
-        table = read_table(run.folder / name)
+    for name, schema in ((STATES, STATES_SCHEMA), (LINKS, LINKS_SCHEMA)):
+        table = read_table(run.folder / name, schema)
         _write_csv(table, (folder / name).with_suffix(".csv"))
     lines = list(read_events(run.folder, run.scenario.vehicles))
     records = [line.record for line in lines]
@@ -84,16 +87,11 @@ def write_mcap(run: Recorded, file: Path) -> None:
     """
     from formnet.lab.scene import foxglove
 
-    if file.exists():
+    if os.path.lexists(file):
         raise RunExists(file)
     file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("xb") as stream:
-        try:
-            foxglove.write(run, stream)
-            stream.flush()
-        except BaseException:
-            file.unlink()  # half of one
-            raise
+    with files.new(file) as stream:
+        foxglove.write(run, stream)
 
 
 _FORMATS: dict[str, tuple[Callable[[Recorded, Path], None], str]] = {

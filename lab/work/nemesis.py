@@ -126,6 +126,7 @@ def _repeat(
     words += ["--law", given.law] if given.law is not None else []
     words += ["--allow-code"] if given.allow_code else []
     words += ["--inline"] if engine == "inline" else []
+    words += ["--allow-outside"] if given.allow_outside else []
     return shlex.join([*words, "--limit", f"{limit_s:g}", "--runs", "1", "--seed"])
 
 

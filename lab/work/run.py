@@ -55,7 +55,7 @@ def run_scenario(
 
     ``view``: let somebody watch, in a ``"window"`` or on the ``"web"``. ``drawn``: with figures.
     ``scene``: with ``run.rrd``; without, no process draws it. ``lookahead``: the law is tried
-    before. ``given``: what the user says of code in files.
+    before. ``given``: what the user says of the files that it names.
     """
     console = Console(stderr=True)
     try:
@@ -199,8 +199,11 @@ def _conclude(
         with console.status("drawing figures"):
             from formnet.lab.figures import run_figures as figures
 
-            place = recording.folder / "figures"
-            problems += files.attempt(lambda: figures.draw(recording, place, stopped))
+            def draw() -> None:
+                place = files.subfolder(recording.folder, "figures", made=True)
+                figures.draw(recording, place, stopped)
+
+            problems += files.attempt(draw)
     from formnet.lab.pages import report
 
     try:

@@ -34,7 +34,8 @@ class RowError(ValueError):
 class FromFile(Table):
     """A table that may name a CSV ``file`` instead of giving the numbers.
 
-    Where it is looked for is ``folder`` in the context of the validation. The rules for the
+    Where it is looked for is ``folder`` in the context of the validation; it must lie below that,
+    links resolved, unless the context says ``allow_outside``. The rules for the
     numbers are the same for both, and written once: as types, and in :meth:`check`.
     """
 
@@ -97,7 +98,7 @@ class FromFile(Table):
             else:
                 column = cls.COLUMNS.index(cell.key)
                 place = found.place(cell.row, column)
-                of_cells.append((cell.row, column, f"{place} = {shown(cell.value)}: {cell.rule}"))
+                of_cells.append((cell.row, column, f"{place}: {cell.rule}"))
         if of_cells:
             error = _of_file(first_of([text for _, _, text in sorted(of_cells)]))
             rest.append({"type": error, "loc": (), "input": data})
@@ -132,7 +133,17 @@ def _path(data: Mapping[str, Any], lists: tuple[str, ...], context: Mapping[str,
     beside = [key for key in lists if key in data]
     if beside:
         raise FileError(f"{beside[0]} is given, too: only one of them can be")
-    return Path(folder, file)
+    path = Path(folder, file)
+    try:
+        real, below = path.resolve(), Path(folder).resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle
+        raise FileError(f"file {str(path)!r} cannot be read: {error}") from None
+    if not context.get("allow_outside") and not real.is_relative_to(below):
+        raise FileError(
+            "must lie below the folder of the scenario, links resolved; --allow-outside (in Python "
+            "allow_outside=True) reads it all the same"
+        )
+    return path
 
 
 def _of_file(text: str) -> PydanticCustomError:

@@ -5,11 +5,17 @@ timeline all come down to ``path -> value`` pairs that are put into plain tables
 before the whole is validated again.
 """
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
+from formnet.netem.files.bounds import LONGEST_KEY, MOST_DEPTH
+
 Values = Mapping[str, Any]
 """Values by key path, such as ``{"delay.mean_s": 0.1}``; a later one wins."""
+
+
+_NUMBER = re.compile(r"[0-9]{1,10}")
 
 
 class OverrideError(ValueError):
@@ -29,12 +35,15 @@ def assign(data: dict[str, Any], path: str, value: Any) -> None:
         OverrideError: the path goes through a value, or names an item that is not there.
     """
     keys = path.split(".")
+    if len(keys) > MOST_DEPTH or max(map(len, keys)) > LONGEST_KEY:
+        rule = f"must have at most {MOST_DEPTH} parts of at most {LONGEST_KEY} characters"
+        raise OverrideError(f"{path[:LONGEST_KEY]}…", rule)
     here: Any = data
     for depth, key in enumerate(keys, start=1):
         last = depth == len(keys)
         if isinstance(here, list):
             known = _names_of(here)
-            if not key.isdigit() or int(key) not in known:
+            if not _NUMBER.fullmatch(key) or int(key) not in known:
                 there = ", ".join(map(str, known))
                 raise OverrideError(
                     ".".join(keys[:depth]), f"there is no {key!r} in this list (there: {there})"

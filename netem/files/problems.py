@@ -61,7 +61,8 @@ _RULES = {
     "union_tag_invalid": "must be one of {expected_tags}",
     "union_tag_not_found": "needs {discriminator} to say which kind it is",
     "too_short": "needs {min_length} or more",
-    "too_long": "must have exactly {max_length} items",
+    "too_long": "must have {most} {max_length} items",
+    "string_too_long": "must have at most {max_length} characters",
     "string_pattern_mismatch": "must start with a letter or digit; then letters, digits, . _ -",
     "value_error": "{error}",
 }
@@ -70,8 +71,17 @@ _RULES = {
 def rule_of(item: Any) -> str:
     """The rule that one of a pydantic error's errors says is broken, in words."""
     template = _RULES.get(item["type"])
-    said: str = item["msg"] if template is None else template.format(**item.get("ctx", {}))
+    said: str = (
+        item["msg"]
+        if template is None
+        else template.format(most=_most(item), **item.get("ctx", {}))
+    )
     return said
+
+
+def _most(item: Any) -> str:
+    """Pairs have an exact length; lists a greatest."""
+    return "at most" if item.get("ctx", {}).get("field_type") == "List" else "exactly"
 
 
 def _problem(model: type[BaseModel], data: Any, loc: Place, kind: str, item: Any) -> Problem:

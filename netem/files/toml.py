@@ -5,40 +5,52 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from formnet.netem.files.bounds import MOST_BYTES, check_tables, check_text
 from formnet.netem.files.problems import shown
+from formnet.netem.files.regular import read
 from formnet.netem.files.toml_clash import clash
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path, *, follow: bool = True) -> dict[str, Any]:
     """The tables of a TOML file (UTF-8, with or without a byte order mark).
 
+    ``follow``: it may be a symbolic link, as one that the user named.
+
     Raises:
-        ValueError: it cannot be read, or is no TOML; the text says which, and on which line.
+        ValueError: it cannot be read, is no TOML, or holds more than
+            :mod:`netem.files.bounds` allows; the text says which, and on which line.
     """
+    return parse_toml(text_of(path, follow=follow))
+
+
+def text_of(path: Path, *, follow: bool = True) -> str:
+    """The text of a TOML file, line ends as they are; raises as :func:`read_toml`."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return read(path, MOST_BYTES, follow=follow).decode()
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"not TOML: not UTF-8 text (byte {error.start})") from None
-    return parse_toml(text)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text; a byte order mark before it is left out.
 
     Raises:
-        ValueError: it is no TOML; the text says why, and on which line.
+        ValueError: it is no TOML, or holds too much; the text says why, and on which line.
     """
     text = text.removeprefix("\ufeff")
+    check_text(text)
     try:
-        return tomllib.loads(text)
+        found = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"not TOML: {_explained(text, error)}") from None
     except RecursionError:
         raise ValueError("not TOML: lists or tables are nested too deeply") from None
     except ValueError as error:  # a whole number of more digits than Python converts
         raise ValueError(f"not TOML: {error}") from None
+    check_tables(found)
+    return found
 
 
 def parse_value(text: str) -> Any:

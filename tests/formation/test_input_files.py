@@ -51,36 +51,36 @@ def test_rows_are_read_with_their_lines(file, case):
 REFUSED = {
     "a first row that is no header": (
         b"0,0.010,x\n1,2\n",
-        "line 1, column 3 = 'x': must be a number",
+        "line 1, column 3: must be a number",
     ),
-    "an empty cell in the first row": (b"0,\n1,2\n", "line 1, column 2 = '': must be a number"),
-    "empty cells alone": (b",\n1,2\n", "line 1, column 1 = '': must be a number"),
-    "a unit": (b"0,0.5ms\n1,2\n", "line 1, column 2 = '0.5ms': must be a number"),
-    "a currency": ("€5,€6\n1,2\n".encode(), "line 1, column 1 = '€5': must be a number"),
-    "a dash": (b"-,-\n1,2\n", "line 1, column 1 = '-': must be a number"),
+    "an empty cell in the first row": (b"0,\n1,2\n", "line 1, column 2: must be a number"),
+    "empty cells alone": (b",\n1,2\n", "line 1, column 1: must be a number"),
+    "a unit": (b"0,0.5ms\n1,2\n", "line 1, column 2: must be a number"),
+    "a currency": ("€5,€6\n1,2\n".encode(), "line 1, column 1: must be a number"),
+    "a dash": (b"-,-\n1,2\n", "line 1, column 1: must be a number"),
     "a header that is half a number": (
         b"time,1\n1,2\n",
-        "line 1, column 1 = 'time': must be a number",
+        "line 1, column 1: must be a number",
     ),
-    "a second header": (b"t,d\nt,d\n1,2\n", "line 2, column 1 = 't': must be a number"),
-    "a header after numbers": (b"1,2\nt,d\n", "line 2, column 1 = 't': must be a number"),
-    "not finite": (b"nan,inf\n1,2\n", "line 1, column 1 = 'nan': must be finite"),
-    "too large": (b"1,1e999\n", "line 1, column 2 = '1e999': must be finite"),
-    "underscores": (b"1_0,2\n", "line 1, column 1 = '1_0': must be a number"),
-    "digits that are not ASCII": ("١,2\n".encode(), "line 1, column 1 = '١': must be a number"),
-    "too few": (b"1,2\n\n1\n", "line 3 = '1': must have 2 columns, has 1"),
-    "too many": (b"1,2,3\n", "line 1 = '1,2,3': must have 2 columns, has 3"),
+    "a second header": (b"t,d\nt,d\n1,2\n", "line 2, column 1: must be a number"),
+    "a header after numbers": (b"1,2\nt,d\n", "line 2, column 1: must be a number"),
+    "not finite": (b"nan,inf\n1,2\n", "line 1, column 1: must be finite"),
+    "too large": (b"1,1e999\n", "line 1, column 2: must be finite"),
+    "underscores": (b"1_0,2\n", "line 1, column 1: must be a number"),
+    "digits that are not ASCII": ("١,2\n".encode(), "line 1, column 1: must be a number"),
+    "too few": (b"1,2\n\n1\n", "line 3: must have 2 columns, has 1"),
+    "too many": (b"1,2,3\n", "line 1: must have 2 columns, has 3"),
     "semicolons": (
         b"t;d\n1;2\n",
-        "line 2, column 1 = '1;2': must be a number; columns are parted by commas, not by semicolons",
+        "line 2, column 1: must be a number; columns are parted by commas, not by semicolons",
     ),
     "decimal commas": (
         b"t;d\n1;0,5\n",
-        "line 2, column 1 = '1;0': must be a number; columns are parted by commas, not by semicolons",
+        "line 2, column 1: must be a number; columns are parted by commas, not by semicolons",
     ),
     "tabs": (
         b"1\t2\n",
-        "line 1, column 1 = '1\\t2': must be a number; columns are parted by commas, not by tabs",
+        "line 1, column 1: must be a number; columns are parted by commas, not by tabs",
     ),
     "UTF-16": (
         "1,2\n".encode("utf-16"),
@@ -95,7 +95,7 @@ REFUSED = {
     ),
     "text after a quote": (b'1,2\n"3"x,4\n', "line 2: is not CSV: "),
     "a huge cell": (b"1," + b"2" * 200_000, "line 1: is not CSV: field larger than field limit"),
-    "a long cell": (b"1," + b"x" * 100_000, "line 1, column 2 = 'xxx"),
+    "a long cell": (b"1," + b"x" * 100_000, "line 1, column 2: must be a number"),
 }
 
 
@@ -129,7 +129,7 @@ def test_the_first_problem_in_full_and_the_number_of_further_ones(file, bad, wor
     file.write_text("1\n" + "x\n" * bad + "2\n")
     with pytest.raises(FileError) as caught:
         read_numbers(file, 1)
-    assert str(caught.value) == f"file {file}, line 2, column 1 = 'x': must be a number{words}"
+    assert str(caught.value) == f"file {file}, line 2, column 1: must be a number{words}"
 
 
 def test_whatever_the_bytes_only_a_file_error_comes_out(file):
@@ -161,7 +161,7 @@ def test_whatever_the_bytes_only_a_file_error_comes_out(file):
         except FileError as error:
             told.add(str(error))
     assert read > 50
-    assert len(told) > 50
+    assert len(told) > 15
     assert all(text.startswith(f"file {file}") for text in told)
 
 
@@ -181,42 +181,42 @@ BROKEN_RULES = {
     "half a loss": (
         LOSS,
         "0\n1\n0.5\n",
-        "line 3, column 1 = 0.5: must be 0 or 1",
+        "line 3, column 1: must be 0 or 1",
         {"losses": [0, 1, 0.5]},
         "losses[2] = 0.5: must be 0 or 1",
     ),
     "a negative sample": (
         SAMPLES,
         "rtt\n0.1\n\n-0.1\n",
-        "line 4, column 1 = -0.1: must be at least 0",
+        "line 4, column 1: must be at least 0",
         {"samples_s": [0.1, -0.1]},
         "samples_s[1] = -0.1: must be at least 0",
     ),
     "a long delay": (
         TRACE,
         "0,1\n1,1e4\n",
-        "line 2, column 2 = 10000.0: must be at most 3600",
+        "line 2, column 2: must be at most 3600",
         {"times_s": [0, 1], "delays_s": [1, 1e4]},
         "delays_s[1] = 10000.0: must be at most 3600",
     ),
     "a late time": (
         TRACE,
         "0,1\n1e10,1\n",
-        "line 2, column 1 = 10000000000.0: must be at most 1e+09",
+        "line 2, column 1: must be at most 1e+09",
         {"times_s": [0, 1e10], "delays_s": [1, 1]},
         "times_s[1] = 10000000000.0: must be at most 1e+09",
     ),
     "times that descend": (
         TRACE,
         '"t\ns",d\n0,1\n2,1\n1,1\n',
-        "line 5, column 1 = 1.0: must be at least 1 ns after the time before it, 2.0",
+        "line 5, column 1: must be at least 1 ns after the time before it, 2.0",
         {"times_s": [0, 2, 1], "delays_s": [1, 1, 1]},
         "times_s[2] = 1.0: must be at least 1 ns after the time before it, 2.0",
     ),
     "one instant twice": (
         TRACE,
         "0,1\n1e-10,2\n",
-        "line 2, column 1 = 1e-10: must be at least 1 ns after the time before it, 0.0",
+        "line 2, column 1: must be at least 1 ns after the time before it, 0.0",
         {"times_s": [0, 1e-10], "delays_s": [1, 1]},
         "times_s[1] = 1e-10: must be at least 1 ns after the time before it, 0.0",
     ),
@@ -242,7 +242,7 @@ def test_further_problems_of_a_file_are_counted_and_others_of_the_table_told(tmp
     table = {"delay": {"distribution": "empirical", "file": "f.csv", "correlation": 2.0, "x": 1}}
     assert sorted(said(tmp_path, table)) == [
         "delay.correlation = 2.0: must be less than 1",
-        f"delay.file = 'f.csv': file {tmp_path / 'f.csv'}, line 1, column 1 = -0.1: "
+        f"delay.file = 'f.csv': file {tmp_path / 'f.csv'}, line 1, column 1: "
         "must be at least 0 (and 2 more problems in this file)",
         "delay.x = 1: unknown key; valid keys here: correlation, distribution, samples_s",
     ]
@@ -257,7 +257,7 @@ def test_further_problems_of_a_file_are_counted_and_others_of_the_table_told(tmp
             "delay.file = 'f.csv': samples_s is given, too: only one of them can be",
         ),
         ({"file": "none.csv"}, "cannot be read: No such file or directory"),
-        ({"file": "."}, "cannot be read: Is a directory"),
+        ({"file": "."}, "cannot be read: it is no regular file"),
         ({"file": "a\0b"}, "cannot be read: embedded null byte"),
     ],
 )
@@ -403,7 +403,7 @@ def test_another_error_is_told_with_the_text_of_its_line(text, line):
     assert str(ours.value) == f"not TOML: {theirs.value}: {line!r}"
 
 
-@pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a = " + "9" * 5000, "a = {b=" * 20_000])
+@pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a = {b=" * 20_000])
 def test_toml_beyond_what_python_reads_is_no_crash(text):
     with pytest.raises(ValueError, match=r"^not TOML: "):
         parse_toml(text)
@@ -477,5 +477,5 @@ def test_what_is_given_twice_is_found_exactly_where_tomllib_refuses_it():
 
 def test_a_file_without_end_is_refused():
     """Not read until the memory is full."""
-    with pytest.raises(FileError, match="has more than 64 MiB"):
+    with pytest.raises(FileError, match="cannot be read: it is no regular file"):
         read_numbers(pathlib.Path("/dev/zero"), 1)

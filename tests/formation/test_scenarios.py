@@ -298,7 +298,7 @@ def test_not_text(tmp_path):
 def test_no_such_file_and_a_folder(tmp_path):
     with pytest.raises(ScenarioError, match="cannot be read: No such file"):
         load(tmp_path / "none.toml")
-    with pytest.raises(ScenarioError, match="cannot be read: Is a directory"):
+    with pytest.raises(ScenarioError, match="cannot be read: it is no regular file"):
         load(tmp_path)
 
 

@@ -2,6 +2,7 @@
 
 ``nemesis``: random failures, every run twice to the same bits, every tenth distributed.
 ``fuzz``: broken messages at every decoder. ``claims``: every run of the paper's claims, inline.
+``folders``: mutated run folders through every command that reads one.
 ``processors``: the golden bits by other Pythons and processors.
 The exit code is 0 if all hold, 1 if one does not, 2 if the tree is not what was committed.
 """
@@ -21,6 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from fuzzing import fuzz
+from proofs.folders import fuzz_folders
 from proofs.processors import compared
 from proofs.result import Result, clean_tree
 
@@ -52,6 +54,7 @@ class Asked(NamedTuple):
     duration_s: float
     pythons: Sequence[str] = ()
     aarch64: Path | None = None
+    folders: int = 0
 
 
 class Found(NamedTuple):
@@ -97,6 +100,18 @@ def broken_messages(asked: Asked, stopped: pool.Stopped) -> Found:
     return Found(counts, found.raised, {})
 
 
+def folders(asked: Asked, stopped: pool.Stopped) -> Found:
+    """Run folders from strangers: no traceback, bounded time and memory, nothing outside touched."""
+    found = fuzz_folders(asked.folders, asked.seed, stopped)
+    counts = {f"{name}: calls": count for name, count in found.calls.items()}
+    counts |= {
+        "folders": asked.folders,
+        "most processor time (ms)": round(found.most_cpu_s * 1e3),
+        "most memory (MiB)": found.most_resident >> 20,
+    }
+    return Found(counts, found.failures, {})
+
+
 def claims(asked: Asked, stopped: pool.Stopped) -> Found:
     """Every run of every claim of the paper ends as is claimed."""
     with TemporaryDirectory() as place:
@@ -126,6 +141,7 @@ def processors(asked: Asked, stopped: pool.Stopped) -> Found:
 PROOFS: dict[str, Callable[[Asked, pool.Stopped], Found]] = {
     "nemesis": nemesis,
     "fuzz": broken_messages,
+    "folders": folders,
     "claims": claims,
     "processors": processors,
 }
@@ -151,6 +167,7 @@ def prove() -> int:
     parser.add_argument("--seed", type=int, default=secrets.randbits(31), help="a new one")
     parser.add_argument("--schedules", type=int, default=1000)
     parser.add_argument("--messages", type=int, default=1_000_000, help="for each decoder")
+    parser.add_argument("--folders", type=int, default=2000)
     parser.add_argument("--duration", type=float, default=40.0, help="seconds of a schedule")
     parser.add_argument("--python", action="append", default=[], help="for processors; may repeat")
     parser.add_argument("--aarch64", type=Path, help="for processors: a root with its Python")
@@ -158,8 +175,10 @@ def prove() -> int:
     words = parser.parse_args()
     if unknown := [name for name in words.proofs if name not in PROOFS]:
         parser.error(f"{unknown[0]}: must be one of {', '.join(PROOFS)}")
-    if words.seed < 0 or words.schedules < 1 or words.messages < 1:
-        parser.error("--seed must not be negative, --schedules and --messages must be at least 1")
+    if words.seed < 0 or min(words.schedules, words.messages, words.folders) < 1:
+        parser.error(
+            "--seed must not be negative, --schedules, --messages and --folders must be at least 1"
+        )
     asked = Asked(
         words.seed,
         words.schedules,
@@ -167,6 +186,7 @@ def prove() -> int:
         words.duration,
         words.python,
         words.aarch64 and words.aarch64.resolve(),
+        words.folders,
     )
     tree = clean_tree(ROOT)
     failed = False

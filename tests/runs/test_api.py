@@ -11,7 +11,8 @@ from in_process import formnet as command_line
 
 import formnet
 from formnet.formation.records.events import Kill, Network
-from formnet.lab.runs.recording import LINKS_SCHEMA, STATES_SCHEMA, read_states
+from formnet.lab.runs.recording import LINKS_SCHEMA, STATES_SCHEMA
+from formnet.lab.runs.tables import read_states
 
 SHORT = {"duration_s": 0.5}
 

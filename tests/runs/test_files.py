@@ -104,16 +104,49 @@ def test_an_export_removes_no_file_but_its_own(here):
 # --- replacing -------------------------------------------------------------------------------
 
 
-def test_replacing_keeps_permissions_and_follows_links(here):
+@pytest.mark.parametrize("write", [files.replace, files.write_to])
+def test_replacing_keeps_permissions(here, write):
     Path("real").write_text("old")
     Path("real").chmod(0o604)
-    Path("link").symlink_to("real")
-    files.replace(Path("link"), "new")
-    assert Path("link").is_symlink()
+    write(Path("real"), "new")
     assert Path("real").read_text() == "new"
     assert stat.S_IMODE(Path("real").stat().st_mode) == 0o604
-    files.replace(Path("fresh"), b"x")
-    assert sorted(os.listdir()) == ["fresh", "link", "real"]
+    write(Path("fresh"), b"x")
+    assert sorted(os.listdir()) == ["fresh", "real"]
+
+
+def test_a_link_that_the_user_named_is_followed(here):
+    Path("real").write_text("old")
+    Path("link").symlink_to("real")
+    files.write_to(Path("link"), "new")
+    assert Path("link").is_symlink()
+    assert Path("real").read_text() == "new"
+
+
+@pytest.mark.parametrize("kind", ["link", "dangling link", "pipe"])
+def test_in_a_folder_no_link_or_pipe_is_written_to_but_replaced(here, kind):
+    Path("precious").write_text("mine")
+    make = {
+        "link": lambda: Path("x").symlink_to("precious"),
+        "dangling link": lambda: Path("x").symlink_to("nowhere"),
+        "pipe": lambda: os.mkfifo("x"),
+    }[kind]
+    make()
+    files.replace(Path("x"), "new")
+    assert stat.S_ISREG(Path("x").lstat().st_mode)
+    assert Path("x").read_text() == "new"
+    assert Path("precious").read_text() == "mine"
+    assert sorted(os.listdir()) == ["precious", "x"]
+
+
+def test_a_folder_in_a_run_s_folder_is_no_link(here):
+    Path("elsewhere").mkdir()
+    Path("run").mkdir()
+    Path("run/figures").symlink_to("../elsewhere")
+    for made in (False, True):
+        with pytest.raises(OSError, match="symbolic link, which is not followed"):
+            files.subfolder(Path("run"), "figures", made=made)
+    assert files.subfolder(Path("run"), "csv", made=True).is_dir()
 
 
 def test_who_has_the_old_file_open_still_reads_all_of_it(here):
@@ -127,7 +160,7 @@ def test_who_has_the_old_file_open_still_reads_all_of_it(here):
 def test_a_pipe_is_written_to_and_stays_a_pipe(here):
     os.mkfifo("pipe")
     reader = os.open("pipe", os.O_RDONLY | os.O_NONBLOCK)
-    files.replace(Path("pipe"), "text")
+    files.write_to(Path("pipe"), "text")
     assert os.read(reader, 100) == b"text"
     os.close(reader)
     assert stat.S_ISFIFO(Path("pipe").stat().st_mode)

@@ -26,7 +26,8 @@ from formnet.formation.wire import bus
 from formnet.lab.launch.distributed import Distributed
 from formnet.lab.launch.launch import LocalChild, Place, free_port
 from formnet.lab.machines import keys
-from formnet.lab.runs.recording import Recording, read_states, trajectory_sha256
+from formnet.lab.runs.recording import Recording, trajectory_sha256
+from formnet.lab.runs.tables import read_states
 from formnet.lab.scenarios.packaged import CONFIGS
 from formnet.lab.scene.blueprint import scale_bar
 from formnet.lab.scene.rrd import RunFile

@@ -30,7 +30,7 @@ def command(kind: str, out: Path | None) -> None:
         click.echo(text, nl=False)
         return
     try:
-        files.replace(out, text)
+        files.write_to(out, text)
     except OSError as error:
         fail(code_of(error), f"--out {out}: {error.strerror}")
 

@@ -24,6 +24,7 @@ def plot_run(folder: Path, out: Path | None) -> int:
 
     from formnet.formation.scenario.loading import ScenarioError
     from formnet.lab.figures import run_figures as figures
+    from formnet.lab.runs import files
     from formnet.lab.runs.folders import filled
     from formnet.lab.text.console import Console, escape
     from formnet.lab.text.problems import report_problems
@@ -35,7 +36,7 @@ def plot_run(folder: Path, out: Path | None) -> int:
         run = read_run(folder)
         if not run.samples and not run.link_rows:
             raise Unreadable("; ".join(["nothing to draw", *run.problems]))
-        place = out or folder / "figures"
+        place = out or files.subfolder(folder, "figures", made=True)
         with nullcontext() if out is None else filled(out, "graph.png"):
             figures.draw(run, place)
     except ScenarioError as error:

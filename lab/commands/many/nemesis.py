@@ -8,6 +8,7 @@ import click
 
 from formnet.lab.commands.options import (
     ALLOW_CODE,
+    ALLOW_OUTSIDE,
     INLINE_RUNS,
     JOBS,
     LAW,
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 @JOBS
 @LAW
 @ALLOW_CODE
+@ALLOW_OUTSIDE
 def command(
     scenario: Path,
     overrides: tuple[str, ...],
@@ -60,6 +62,7 @@ def command(
     jobs: int | None,
     law: str | None,
     allow_code: bool,
+    allow_outside: bool,
 ) -> None:
     """Test SCENARIO with random failures.
 
@@ -74,5 +77,5 @@ def command(
     from formnet.lab.code.laws import Given
     from formnet.lab.work.nemesis import run_nemesis
 
-    given = Given(law, allow_code)
+    given = Given(law, allow_code, allow_outside)
     sys.exit(run_nemesis(scenario, overrides, runs, seed, out, limit_s, jobs, engine, given))

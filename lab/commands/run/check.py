@@ -8,6 +8,7 @@ import click
 
 from formnet.lab.commands.options import (
     ALLOW_CODE,
+    ALLOW_OUTSIDE,
     HOSTS,
     LAW,
     NO_LOOKAHEAD,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 @NO_LOOKAHEAD
 @LAW
 @ALLOW_CODE
+@ALLOW_OUTSIDE
 def command(
     scenario: Path,
     overrides: tuple[str, ...],
@@ -36,6 +38,7 @@ def command(
     no_lookahead: bool,
     law: str | None,
     allow_code: bool,
+    allow_outside: bool,
 ) -> None:
     """Validate SCENARIO; print what the theory predicts.
 
@@ -44,7 +47,7 @@ def command(
     """
     from formnet.lab.code.laws import Given
 
-    given = Given(law, allow_code)
+    given = Given(law, allow_code, allow_outside)
     sys.exit(check_scenario(scenario, overrides, given, hosts, lookahead=not no_lookahead))
 
 

@@ -36,11 +36,12 @@ def _migrated(path: Path) -> int:
     from formnet.lab.runs.exits import of as code_of
     from formnet.lab.scenarios.migrating import migrated
 
-    file = path / "scenario.toml" if path.is_dir() else path
+    received = path.is_dir()  # of a run's folder no link is followed
+    file = path / "scenario.toml" if received else path
     try:
-        text, changes = migrated(file)
+        text, changes = migrated(file, follow=not received)
         if changes:
-            files.replace(file, text)
+            (files.replace if received else files.write_to)(file, text)
     except ScenarioError as error:
         for problem in error.problems:
             click.echo(f"{error.file}: {problem}", err=True)

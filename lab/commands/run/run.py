@@ -7,6 +7,7 @@ import click
 
 from formnet.lab.commands.options import (
     ALLOW_CODE,
+    ALLOW_OUTSIDE,
     HOSTS,
     KEYS,
     LAW,
@@ -50,6 +51,7 @@ from formnet.lab.commands.options import (
 @NO_LOOKAHEAD
 @LAW
 @ALLOW_CODE
+@ALLOW_OUTSIDE
 def command(
     scenario: Path,
     out: Path | None,
@@ -66,6 +68,7 @@ def command(
     no_lookahead: bool,
     law: str | None,
     allow_code: bool,
+    allow_outside: bool,
 ) -> None:
     """Run SCENARIO and judge it.
 
@@ -99,6 +102,6 @@ def command(
             drawn=not no_figures,
             scene=not no_scene,
             lookahead=not no_lookahead,
-            given=Given(law, allow_code),
+            given=Given(law, allow_code, allow_outside),
         )
     )
