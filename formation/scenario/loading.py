@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from formnet.formation.formats.migration import FormatError, migrate
 from formnet.formation.scenario.model import Scenario
-from formnet.formation.scenario.rules import broken_rules
+from formnet.formation.scenario.rules import broken_rules, too_long
 from formnet.netem.files.overrides import OverrideError, Values, assign
 from formnet.netem.files.problems import Place, Problem, problems, shown
 from formnet.netem.files.toml import parse_toml, parse_value, read_toml
@@ -108,6 +108,8 @@ def _built(
         problem = Problem(error.place, shown(error.value), error.rule)
         raise ScenarioError(file, [problem]) from None
     bad = _put(data, overrides)
+    if more := too_long(data):
+        raise ScenarioError(file, bad + more)
     scenario, found = _validate(data, context)
     bad += found
     if scenario is not None:

@@ -1,15 +1,39 @@
 """The rules between a scenario's values: what refers to what, and what must fit together."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from formnet.formation.plan.fault import FaultAction, FaultError, spans_of
 from formnet.formation.plan.selectors import named
 from formnet.formation.scenario.clock import Clock
-from formnet.formation.scenario.model import Scenario
+from formnet.formation.scenario.graph import MOST_EDGES
+from formnet.formation.scenario.model import MOST_ROBOTS, Scenario
+from formnet.formation.scenario.network import MOST_ENTRIES
 from formnet.netem.files.problems import Problem
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.links import SettingError
 from formnet.netem.settings.timeline import NEVER
+
+MOST_ITEMS = {
+    ("robots",): MOST_ROBOTS,
+    ("formation", "edges"): MOST_EDGES,
+    ("network", "links"): MOST_ENTRIES,
+    ("timeline",): MOST_ENTRIES,
+}
+"""The lists of a scenario that are bounded, by where they stand."""
+
+
+def too_long(data: Mapping[str, Any]) -> list[Problem]:
+    """The lists of a scenario's tables that are beyond their bounds; nothing is built of them."""
+    found = []
+    for place, most in MOST_ITEMS.items():
+        here: Any = data
+        for key in place:
+            here = here.get(key) if isinstance(here, Mapping) else None
+        if isinstance(here, list) and len(here) > most:
+            rule = f"must have at most {most} items"
+            found.append(Problem(".".join(place), f"{len(here)} items", rule))
+    return found
 
 
 def broken_rules(scenario: Scenario) -> list[Problem]:
