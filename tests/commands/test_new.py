@@ -140,10 +140,10 @@ def test_a_pattern_from_a_file(here):
 @pytest.mark.parametrize(
     ("rows", "options", "message"),
     [
-        ("0,0\n1,one\n", [], "file p.csv, line 2, column 2 = 'one': must be a number"),
-        ("x_m,y_m\n0,0\n1\n", [], "file p.csv, line 3 = '1': must have 2 columns, has 1"),
-        ("0,0\n1,nan\n", [], "file p.csv, line 2, column 2 = 'nan': must be finite"),
-        ("0,0.5m\n1,0\n2,0\n", [], "file p.csv, line 1, column 2 = '0.5m': must be a number"),
+        ("0,0\n1,one\n", [], "file p.csv, line 2, column 2: must be a number"),
+        ("x_m,y_m\n0,0\n1\n", [], "file p.csv, line 3: must have 2 columns, has 1"),
+        ("0,0\n1,nan\n", [], "file p.csv, line 2, column 2: must be finite"),
+        ("0,0.5m\n1,0\n2,0\n", [], "file p.csv, line 1, column 2: must be a number"),
         ("0,0\n1e300,0\n", [], "file p.csv, line 2, column 1 = 1e+300: must be within ±1e+07 m"),
         (
             "0,0\n1,0\n1,1e-9\n",

@@ -233,15 +233,15 @@ def test_a_renewal_replaces_one_pair_and_keeps_where_the_plant_is(folder):
 
 
 def test_a_renewal_that_finds_no_room_changes_nothing(folder, monkeypatch):
-    before, real, parts = contents(folder), keys.files._create, []
+    before, real, parts = contents(folder), keys.files._created, []
 
-    def full(path, content, mode):
+    def full(path, mode):
         parts.append(path)
         if len(parts) == 3:
             raise OSError(28, "No space left on device")
-        real(path, content, mode)
+        return real(path, mode)
 
-    monkeypatch.setattr(keys.files, "_create", full)
+    monkeypatch.setattr(keys.files, "_created", full)
     code, said = formnet("keys", "renew", folder, "robot-2")
     assert code == 3
     assert "No space left on device" in said
