@@ -27,7 +27,6 @@ from formnet.formation.records.events import (
     Kill,
     Lost,
     Pause,
-    Refused,
     Restart,
     Resume,
     Started,
@@ -38,7 +37,7 @@ from formnet.formation.records.stream import Sink, Stir, read
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
 from formnet.formation.wire.process import END_OF_PLAN
 from formnet.lab.launch.interpreter import module
-from formnet.lab.launch.refusals import LOG_FILTER, Refusals
+from formnet.lab.launch.hub_log import LOG_FILTER, HubLog
 from formnet.lab.launch.signals import GRACE_S
 from formnet.plant.host import FAREWELL_S, START_PATIENCE_S
 
@@ -186,7 +185,7 @@ class Launch:
         self._log_reader: threading.Thread | None = None
         if self.plant.stderr is not None:
             self._log_reader = threading.Thread(
-                target=self._read_log, args=(Refusals(plan, name),), daemon=True
+                target=self._read_log, args=(HubLog(plan, name),), daemon=True
             )
             self._log_reader.start()
         self.robots: dict[int, Child] = {}
@@ -275,16 +274,16 @@ class Launch:
             if isinstance(record, Event | Stir):
                 self._todo.put(record)
 
-    def _read_log(self, refusals: Refusals) -> None:
-        """Keep what the plant says, and tell the sink whom its access control has refused."""
+    def _read_log(self, hub_log: HubLog) -> None:
+        """Keep what the plant says, and tell the sink whom its hub has refused or disconnected."""
         assert self.plant.stderr is not None
         with (self._logs / "plant.log").open("a", encoding="utf-8", buffering=1) as log:
             for raw in self.plant.stderr:
-                line, refusal = refusals.read(raw.decode(errors="replace"))
+                line, event = hub_log.read(raw.decode(errors="replace"), self._t_ns)
                 if line is not None:
                     log.write(line)
-                if refusal is not None:
-                    self._sink(Refused(self._t_ns, **refusal._asdict()))
+                if event is not None:
+                    self._sink(event)
 
     def _do_next(self) -> None:
         """Do to robots' processes what the plant says has happened, as soon as it says so."""
