@@ -31,7 +31,7 @@ STALL_S = 0.75
 Less than a second, after which the plant says on whom the run waits.
 """
 HANDSHAKE_S = 5.0
-"""Who connects to a hub with keys has so long to show a certificate, and again to open a session."""
+"""Who connects to a hub with keys has so long to show a certificate, and to open a session."""
 _SEND_BUFFER = 200_000
 """Bytes that the kernel may keep for a client, before its queue fills (socket(7) doubles it)."""
 _HURRY_S = 0.01

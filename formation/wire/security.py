@@ -57,7 +57,7 @@ class Credentials:
         return self.folder / f"{self.name}-key.pem"
 
     def tls(self, *, listening: bool) -> dict[str, Any]:
-        """Zenoh's ``transport.link.tls``: both ends show who they are, for as long as that is valid.
+        """Zenoh's ``transport.link.tls``: both ends show who they are, while that is valid.
 
         (When the other's certificate expires, the connection is closed.)
         """

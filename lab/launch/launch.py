@@ -36,8 +36,8 @@ from formnet.formation.records.rows import Samples
 from formnet.formation.records.stream import Sink, Stir, read
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
 from formnet.formation.wire.process import END_OF_PLAN
-from formnet.lab.launch.interpreter import module
 from formnet.lab.launch.hub_log import LOG_FILTER, HubLog
+from formnet.lab.launch.interpreter import module
 from formnet.lab.launch.signals import GRACE_S
 from formnet.plant.host import FAREWELL_S, START_PATIENCE_S
 

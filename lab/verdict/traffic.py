@@ -131,8 +131,7 @@ def _disconnected(events: Sequence[Event]) -> list[Disconnected]:
         if isinstance(event, kinds.Disconnected)
     }
     return [
-        Disconnected(who=who, reason=reason, times=count)
-        for (who, reason), count in times.items()
+        Disconnected(who=who, reason=reason, times=count) for (who, reason), count in times.items()
     ]
 
 
