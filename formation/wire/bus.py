@@ -98,7 +98,7 @@ def session(
     closes the connection, which holds it up for ten seconds on a single thread.)
 
     One that listens with ``credentials`` disconnects a client that takes nothing for ``stall_s``
-    (None: never; what is for it is dropped), and holds up nobody for longer, see :func:`_guard`.
+    (None: never), and holds up nobody for longer, see :func:`_guard`.
     ``blocking`` is whether others wait for that long, because nothing may be dropped before.
 
     Raises:
@@ -166,10 +166,11 @@ def _guard(
     there is none within ``stall_s`` the client is disconnected. Those behind it wait for the first
     (with ``blocking``, so that nothing is lost; otherwise for a moment, and are dropped): for all
     clients that hang at the same time together, not for one after the other. (With BLOCK, those
-    who send to the same client would wait on its queue's lock, one client after the other.)
+    who send to the same client would wait on its queue's lock, one client after the other. With
+    DROP, a client that has not kept up once gets nothing more, ever: Zenoh 1.10 notes without
+    priorities that a queue is full under one priority, and that it has room under another.)
     """
-    flow = "block_first" if stall_s is not None else "drop"
-    stall_s = LEASE_S if stall_s is None else stall_s
+    stall_s = LONG_LEASE_S if stall_s is None else stall_s
     hurry_s = 2.0 * stall_s if blocking else _HURRY_S
     config["qos"] = {
         "network": [
@@ -177,7 +178,7 @@ def _guard(
                 "id": "nobody-waits-for-a-client",
                 "messages": ["put", "delete"],
                 "flows": ["egress"],
-                "overwrite": {"congestion_control": flow},
+                "overwrite": {"congestion_control": "block_first"},
             }
         ]
     }

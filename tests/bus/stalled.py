@@ -216,8 +216,7 @@ def main() -> int:
             slowest_s[kind] = max(slowest_s[kind], found.wall_s)
             if (found.outcome, found.disconnected, found.lost) == ("completed", [who], []):
                 held[kind] += 1
-            else:
-                print(f"{kind}: {found}", flush=True)
+            print(f"{kind}: {found}", flush=True)
         for kind in kinds:
             print(f"{kind!s:40} held {held[kind]} times, slowest {slowest_s[kind]:.1f} s")
         print(f"{who}: {sum(held[kind] for kind in kinds)} of {asked.times}", flush=True)
