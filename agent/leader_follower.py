@@ -140,7 +140,7 @@ class LeaderFollowerLaw:
 def _leader_of(situation: Situation, follows: dict[str, int]) -> int:
     """Whom the robot follows; -1: nobody, it is the first."""
     robots = sorted(situation.offsets_m)
-    ids = {str(robot): robot for robot in robots}
+    ids = {str(robot): robot for robot in robots}  # "03" and Arabic digits are no robot's
     named = {ids.get(robot, -1): leader for robot, leader in follows.items()}
     strangers = [robot for robot in [*named, *named.values()] if robot not in robots]
     if strangers:

@@ -17,7 +17,7 @@ from formnet.agent.law import Law
 from formnet.formation.briefing.plan import RobotPlan
 from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope
 from formnet.formation.wire.message_error import MessageError
-from formnet.formation.wire.messages import Drive, Sense
+from formnet.formation.wire.messages import PLANT, Drive, Sense
 from formnet.netem.settings.timeline import NEVER
 
 
@@ -34,6 +34,7 @@ class Robot(RobotBase):
     def __init__(self, plan: RobotPlan, *, run: str, law: Law, first_tick: int = 0) -> None:
         super().__init__(plan, run, law, first_tick)
         self._down_tick = self._roster.next_down(self.robot, first_tick)
+        self._most_ticks = NEVER // self._period_ns - 1
         # Tick of the newest arrival. What was sent before the process was there is not awaited.
         self._arrived = dict.fromkeys(self.neighbours, first_tick - 1)
         self._heard_up_to = first_tick - 1 if self.neighbours else NEVER  # the least of _arrived
@@ -43,9 +44,14 @@ class Robot(RobotBase):
     def on_sense(self, sense: Sense) -> tuple[Outgoing | None, Drive | None]:
         """The plant's measurement at a tick; returns the broadcast and the answer, if due.
 
+        One of a tick before the first, or whose time is no 64-bit number of ns, is rejected.
+
         Raises:
             LawFailed: the law could not answer.
         """
+        if not 0 <= sense.tick <= self._most_ticks:
+            self._reject(PLANT, "a sense of an impossible tick")
+            return None, None
         self._pending = sense
         self._latest_possible = sense.tick
         outgoing = None if sense.tick % self._every else self._broadcast(sense)

@@ -57,6 +57,7 @@ class Hub:
         self._ended_s = 0.0
         self._to_robots = {robot: bus.publisher(session, keys.to_robot(robot)) for robot in ids}
         self._puts = [publisher.put for publisher in self._to_robots.values()]
+        self._senders = {keys.from_robot(robot): robot for robot in ids}
         self._subscription = session.declare_subscriber(keys.from_robots, self._from_robot)
 
     def run(self) -> float:
@@ -69,7 +70,7 @@ class Hub:
 
     def _from_robot(self, sample: zenoh.Sample) -> None:
         if len(sample.payload.to_bytes()) == 1:
-            self._greet(bus.last_number(sample.key_expr), sample.payload.to_bytes())
+            self._greet(self._senders[str(sample.key_expr)], sample.payload.to_bytes())
             return
         with self._lock:
             self._missing -= 1

@@ -28,6 +28,7 @@ from formnet.formation.wire.messages import (
 )
 from formnet.formation.wire.plant_bus import PlantBus
 from formnet.netem.settings.timeline import NEVER
+from formnet.plant.blame import culprits
 from formnet.plant.extremes import Extremes
 from formnet.plant.host import START_PATIENCE_S, Ended, Host, Mailbox, Note, Turn, Vanished
 from formnet.plant.world import World
@@ -35,14 +36,6 @@ from formnet.plant.world import World
 _FLUSH_TICKS = 100
 _MOST_UNREAD = 500
 """How many broadcasts may wait in the network's buffers (64 KiB, at least) for a paused robot."""
-
-
-def _culprits(awaited: list[int], waiting: Mapping[int, Waiting], tick: int) -> list[int]:
-    """On whom the run waits: not on those who wait for somebody themselves."""
-    victims = {robot for robot, message in waiting.items() if message.tick == tick}
-    silent = [robot for robot in awaited if robot not in victims]
-    named = {robot for victim in victims for robot in waiting[victim].neighbours}
-    return silent or sorted(named - victims) or awaited
 
 
 class Wait:
@@ -189,10 +182,10 @@ class LockstepPlant(Host):
         while True:
             tick, awaited = world.tick, world.awaited()
             if patience.lost(tick):
-                self._complain("answer", _culprits(awaited, waiting, tick))
+                self._complain("answer", self._culprits(awaited, waiting))
             if last_patience.lost((tick, awaited)):
                 why = f"did not answer for {self._plan.run.patience_s:g} s"
-                for robot in _culprits(awaited, waiting, tick):
+                for robot in self._culprits(awaited, waiting):
                     self._lose(robot, why)
                 waiting.clear()
             if beat.lost(None):  # the launcher takes a silent plant for one that hangs
@@ -205,6 +198,13 @@ class LockstepPlant(Host):
                 self._turn()
             elif message is not None:
                 self._handle(message)
+
+    def _culprits(self, awaited: list[int], waiting: Mapping[int, Waiting]) -> list[int]:
+        """On whom the tick waits; nobody, if it has just been answered."""
+        if not awaited:
+            return []
+        up, hears = self._world.up, self._plan.neighbours_of
+        return culprits(awaited, waiting, self._world.tick, up, hears)
 
     # --- robots that fail --------------------------------------------------------------
 

@@ -49,6 +49,7 @@ def main(
         OSError: ``record`` exists already or cannot be written.
     """
     credentials = None if keys is None else Credentials(keys, PLANT)
+    kind = RealtimePlant if plan.clock.mode == "realtime" else LockstepPlant
     opened = bus.session(
         listen=listen,
         connect=connect,
@@ -56,8 +57,9 @@ def main(
         robots=list(plan.ids),
         plaintext=plaintext,
         lease_s=lease_s,
+        blocking=kind.blocking,
+        stall_s=_stall_s(plan),
     )
-    kind = RealtimePlant if plan.clock.mode == "realtime" else LockstepPlant
     if credentials is not None:
         zenoh.init_log_from_env_or("warn")  # who is not let in, and why, to standard error
     with ExitStack() as recording:
@@ -76,6 +78,17 @@ def main(
             recording.close()  # first: who reads it need not wait for who watches
             watched.take_leave()
     return 0 if outcome.kind in ("completed", "diverged") else 3
+
+
+def _stall_s(plan: Plan) -> float | None:
+    """How long a client may take nothing: well below the patience with robots that wait for it.
+
+    In real time, messages to a robot that is paused as planned are dropped for as long as it is.
+    """
+    paused = any(some.verb == "pause" for some in plan.roster().happenings())
+    if paused and plan.clock.mode == "realtime":
+        return None
+    return min(bus.STALL_S, plan.run.patience_s / 4.0)
 
 
 @contextmanager

@@ -27,6 +27,7 @@ class Watched:
 
     def __init__(self, session: zenoh.Session, plan: Plan, run: str) -> None:
         keys = bus.Keys(run)
+        self._key = keys.history
         self._scenario = plan.scenario
         self._told: list[bytes] = []  # events so far, and the outcome
         self._number = 0  # of the next message
@@ -59,4 +60,4 @@ class Watched:
         with self._lock:
             history = pack_history(History(self._scenario, self._told, self._number))
         with query:  # outside: who asks may be slow to take the answer
-            query.reply(query.key_expr, history)
+            query.reply(self._key, history)

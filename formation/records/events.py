@@ -230,11 +230,25 @@ class Rejected(Event, name="rejected", severity=Severity.WARNING):
 class Refused(Event, name="refused", severity=Severity.WARNING):
     """The hub denied ``key`` to ``who``: ``times`` so far, at least.
 
-    That is a party, or the common name of a certificate that does not count.
+    That is a party, or the common name of a certificate that does not count. One without any
+    rights was denied ``formnet/**``, once for every connection.
     """
 
     who: str
     key: str
+    times: Count
+
+
+@dataclass(frozen=True)
+class Disconnected(Event, name="disconnected", severity=Severity.WARNING):
+    """The hub closed a connection, from ``address``, under the certificate's name ``who``.
+
+    It has done so ``times`` so far for this reason; reported at the first and at every doubling.
+    """
+
+    who: str
+    address: str
+    reason: str
     times: Count
 
 

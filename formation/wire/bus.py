@@ -25,6 +25,17 @@ LONG_LEASE_S = 3600.0
 """On one machine a process that is stopped must not count as gone; the plant has its patience."""
 LEASE_S = 2.0
 """A machine that has said nothing for so long is gone, and whoever sends to it is not held up."""
+STALL_S = 0.75
+"""A hub with keys disconnects a client that, with all buffers full, takes nothing for so long.
+
+Less than a second, after which the plant says on whom the run waits.
+"""
+HANDSHAKE_S = 5.0
+"""Who connects to a hub with keys has so long to show a certificate, and to open a session."""
+_SEND_BUFFER = 200_000
+"""Bytes that the kernel may keep for a client, before its queue fills (socket(7) doubles it)."""
+_HURRY_S = 0.01
+"""How long a message waits for a client that does not keep up where nobody may wait longer."""
 
 
 @mypyc_attr(native_class=False)
@@ -61,11 +72,6 @@ class Keys:
         return f"{self._prefix}/alive/robot/{robot}"
 
 
-def last_number(key: object) -> int:
-    """The robot id at the end of a key."""
-    return int(str(key).rpartition("/")[2])
-
-
 @contextmanager
 def session(
     *,
@@ -77,6 +83,8 @@ def session(
     patience_s: float = 10.0,
     lease_s: float = LONG_LEASE_S,
     batching: bool = False,
+    blocking: bool = True,
+    stall_s: float | None = STALL_S,
 ) -> Iterator[zenoh.Session]:
     """An open session, closed at the end (an unclosed one hangs the interpreter's exit).
 
@@ -88,6 +96,10 @@ def session(
     ``batching``, as with a short lease, Zenoh puts a queue between it and the socket: what may be
     dropped is, where this end does not keep up, and the other is not held up. (A lease that ends
     closes the connection, which holds it up for ten seconds on a single thread.)
+
+    One that listens with ``credentials`` disconnects a client that takes nothing for ``stall_s``
+    (None: never), and holds up nobody for longer, see :func:`_guard`.
+    ``blocking`` is whether others wait for that long, because nothing may be dropped before.
 
     Raises:
         BusError: an endpoint is not allowed, is taken, or nobody answers there within
@@ -110,10 +122,11 @@ def session(
             "gossip": {"enabled": False},
         },
         # One class of traffic and no batching layer: halves the cost of a lockstep tick. But
-        # without that layer, whoever sends to a machine that is gone stands still.
+        # without that layer, whoever sends to a machine that is gone stands still. A transport is
+        # of low latency only if both ends want it, so no client gets one from a hub with keys.
         "transport": {
             "unicast": {
-                "lowlatency": lease_s >= LONG_LEASE_S and not batching,
+                "lowlatency": credentials is None and lease_s >= LONG_LEASE_S and not batching,
                 "qos": {"enabled": False},
             },
             # Where there is a batching layer, room for a burst at the end of a run.
@@ -125,6 +138,7 @@ def session(
         config["transport"]["link"]["tls"] = credentials.tls(listening=listen is not None)
         if listen:
             config["access_control"] = access_control(robots, credentials.generations())
+            _guard(config, listen, lease_s, blocking=blocking, stall_s=stall_s)
     try:
         opened = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
@@ -140,6 +154,47 @@ def session(
         yield opened
     finally:
         opened.close()  # type: ignore[no-untyped-call]
+
+
+def _guard(
+    config: dict[str, Any], listen: str, lease_s: float, *, blocking: bool, stall_s: float | None
+) -> None:
+    """Have a hub at ``listen`` put up with no client that hangs, in the handshake or later.
+
+    What is put is sent on with Zenoh's BLOCK_FIRST, whatever its sender asked for: the first
+    message that finds the queue of a client full waits for room on a thread of its own, and if
+    there is none within ``stall_s`` the client is disconnected. Those behind it wait for the first
+    (with ``blocking``, so that nothing is lost; otherwise for a moment, and are dropped): for all
+    clients that hang at the same time together, not for one after the other. (With BLOCK, those
+    who send to the same client would wait on its queue's lock, one client after the other. With
+    DROP, a client that has not kept up once gets nothing more, ever: Zenoh 1.10 notes without
+    priorities that a queue is full under one priority, and that it has room under another.)
+    """
+    stall_s = LONG_LEASE_S if stall_s is None else stall_s
+    hurry_s = 2.0 * stall_s if blocking else _HURRY_S
+    config["qos"] = {
+        "network": [
+            {
+                "id": "nobody-waits-for-a-client",
+                "messages": ["put", "delete"],
+                "flows": ["egress"],
+                "overwrite": {"congestion_control": "block_first"},
+            }
+        ]
+    }
+    patience_ms = round(1000 * HANDSHAKE_S)
+    unicast, tx = config["transport"]["unicast"], config["transport"]["link"]["tx"]
+    unicast |= {"accept_timeout": patience_ms, "accept_pending": 1000}
+    tx["queue"]["congestion_control"] = {
+        "drop": {"wait_before_drop": round(1e6 * hurry_s)},
+        "block": {"wait_before_close": round(1e6 * stall_s)},
+    }
+    config["transport"]["link"]["tls"]["so_sndbuf"] = _SEND_BUFFER
+    # A connection that is closed may take one interval to write what is left: a second at most.
+    tx["keep_alive"] = max(4, round(lease_s))
+    config["listen"]["endpoints"] = [
+        f"{listen}{';' if '#' in listen else '#'}tls_handshake_timeout_ms={patience_ms}"
+    ]
 
 
 def publisher(

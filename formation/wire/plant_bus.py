@@ -68,8 +68,14 @@ class ZenohPlantBus:
         refuse: Callable[[int, str], None],
         connected: Callable[[int, bool], None],
     ) -> None:
-        """See :class:`PlantBus`. What comes on the key of no such robot is ignored."""
-        senders = {self._keys.from_robot(robot): robot for robot in robots}
+        """See :class:`PlantBus`. What comes on a key that is not exactly one of theirs is ignored.
+
+        (Anybody may put on ``.../from-robot/03``, and be alive as that, where there are no keys.)
+        """
+        senders: dict[str, int] = {}
+        tokens: dict[str, int] = {}
+        for robot in robots:
+            senders[self._keys.from_robot(robot)] = tokens[self._keys.robot_alive(robot)] = robot
 
         def on_message(sample: zenoh.Sample) -> None:
             robot = senders.get(str(sample.key_expr))
@@ -83,8 +89,9 @@ class ZenohPlantBus:
                 receive(robot, message)
 
         def on_liveliness(sample: zenoh.Sample) -> None:
-            gone = sample.kind == zenoh.SampleKind.DELETE
-            connected(bus.last_number(sample.key_expr), not gone)
+            robot = tokens.get(str(sample.key_expr))
+            if robot is not None:
+                connected(robot, sample.kind != zenoh.SampleKind.DELETE)
 
         alive = self._session.liveliness()
         self._declared += [

@@ -93,13 +93,17 @@ class Credentials:
         return self.folder / f"{self.name}-key.pem"
 
     def tls(self, *, listening: bool) -> dict[str, Any]:
-        """Zenoh's ``transport.link.tls``: both ends show who they are."""
+        """Zenoh's ``transport.link.tls``: both ends show who they are, while that is valid.
+
+        (When the other's certificate expires, the connection is closed.)
+        """
         side = "listen" if listening else "connect"
         return {
             "root_ca_certificate": str(self.authority),
             f"{side}_private_key": str(self.private_key),
             f"{side}_certificate": str(self.certificate),
             "enable_mtls": True,
+            "close_link_on_expiration": True,
         }
 
 

@@ -30,7 +30,6 @@ from formnet.formation.records.events import (
     Kill,
     Lost,
     Pause,
-    Refused,
     Restart,
     Resume,
     Started,
@@ -40,9 +39,9 @@ from formnet.formation.records.rows import Samples
 from formnet.formation.records.stream import Sink, Stir, read
 from formnet.formation.wire.bus import LEASE_S, LOOPBACK
 from formnet.formation.wire.process import END_OF_PLAN
+from formnet.lab.launch.hub_log import LOG_FILTER, HubLog
 from formnet.lab.launch.interpreter import module
 from formnet.lab.launch.logs import keep
-from formnet.lab.launch.refusals import LOG_FILTER, Refusals
 from formnet.lab.launch.signals import GRACE_S
 from formnet.plant.host import FAREWELL_S, START_PATIENCE_S
 
@@ -169,9 +168,9 @@ class Launch:
         self._lives: Counter[int] = Counter()
         self._law = ["--law", law.argument, "--law-sha256", law.sha256] if law else []
         self._log_readers: dict[str, threading.Thread] = {}
-        self._refusals: Refusals | None = None  # of the plant, if it is the hub
+        self._hub_log: HubLog | None = None  # of the plant, if it is the hub
         if place.keys is not None and not place.routed:
-            self._refusals = Refusals(plan, name, Generations.read(place.keys))
+            self._hub_log = HubLog(plan, name, Generations.read(place.keys))
         self._common = common = ["--run", name, "--leash"]
         paused = any(some.verb == "pause" for some in plan.roster().happenings())
         if place.endpoint is not None and not paused:  # a stopped process says nothing either
@@ -281,13 +280,13 @@ class Launch:
             if isinstance(record, Event | Stir):
                 self._todo.put(record)
 
-    def _logged(self, line: str, refusals: Refusals | None = None) -> str | None:
-        """What a log keeps of a line; the sink is told whom access control has refused."""
+    def _logged(self, line: str, hub_log: HubLog | None = None) -> str | None:
+        """What a log keeps of a line; the sink is told whom the hub refuses or disconnects."""
         kept: str | None = line
-        if refusals is not None:
-            kept, refusal = refusals.read(line)
-            if refusal is not None:
-                self._sink(Refused(self._t_ns, **refusal._asdict()))
+        if hub_log is not None:
+            kept, event = hub_log.read(line, self._t_ns)
+            if event is not None:
+                self._sink(event)
         private = self._place.private
         return kept if kept is None or private is None else private(kept)
 
@@ -362,8 +361,8 @@ class Launch:
 
     def _spawn(self, name: str, arguments: list[str]) -> LocalChild:
         plant = name == "plant"
-        refusals = self._refusals if plant else None
-        read = refusals is not None or self._place.private is not None
+        hub_log = self._hub_log if plant else None
+        read = hub_log is not None or self._place.private is not None
         file = self._logs / f"{name}.log"
         with file.open("wb") as log:
             child = LocalChild(
@@ -371,12 +370,12 @@ class Launch:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE if plant or read else log,
                 stderr=(subprocess.PIPE if plant else subprocess.STDOUT) if read else log,
-                env=None if refusals is None else os.environ | {"RUST_LOG": LOG_FILTER},
+                env=None if hub_log is None else os.environ | {"RUST_LOG": LOG_FILTER},
                 start_new_session=True,  # Ctrl-C reaches the launcher alone; it ends the others
             )
         stream = child.stderr if plant else child.stdout
         if stream is not None:
-            line = partial(self._logged, refusals=refusals)
+            line = partial(self._logged, hub_log=hub_log)
             self._log_readers[name] = keep(stream, file, line)
         return child
 

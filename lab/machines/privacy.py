@@ -20,8 +20,8 @@ from formnet.formation.records.stream import Record
 
 _SHORTEST_NAME = 3
 """A shorter name would be found in words that have nothing to do with it."""
-_FREE = {"reason", "what"}
-"""Fields of events and outcomes in which a process may say anything."""
+_FREE = {"reason", "what", "address"}
+"""Fields of events and outcomes in which a process may say anything, or that say where one is."""
 _HOME = re.compile(r"(?<![\w.])/(?:home|Users)/[^/\s:'\",)]+|(?<![\w./])/root(?![\w.-])")
 _ADDRESS = re.compile(
     r"(?<![\w.:])(?:\d{1,3}(?:\.\d{1,3}){3}|[0-9a-fA-F]{0,4}(?::[0-9a-fA-F]{0,4}){2,7})(?![\w.])"

@@ -266,7 +266,9 @@ def _notes(run: Recorded) -> Iterator[str]:
     if refused:
         yield f"Messages rejected: {refused}; see below."
     for item in judged.messages.refused:
-        yield f"the holder of {item.who}'s certificate was denied {item.key}"
+        yield f"The holder of {item.who}'s certificate was denied {item.key}"
+    for closed in judged.messages.disconnected:
+        yield f"The holder of {closed.who}'s certificate was disconnected: {closed.reason}"
     if _falling(judged):
         yield (
             "The errors that fail were still decreasing at the end: a longer run may help "

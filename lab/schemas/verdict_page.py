@@ -21,8 +21,9 @@ verdict` prints it) are made from the same models that write the file and read i
 
 **Format.** The first key is `format`; this is format {FORMAT}. Files without it are of format 1.
 They are read if they have all that is here, `warnings`, `motion` and `messages.refused` excepted,
-which came later. A file of another format, or with keys that are missing, unknown or of another
-kind, is refused with the version of formnet that wrote it; what else is in the folder is shown.
+which came later; no file has to have `messages.disconnected`, the latest. A file of another
+format, or with keys that are missing, unknown or of another kind, is refused with the version of
+formnet that wrote it; what else is in the folder is shown.
 
 **Size.** A file longer than {MOST_BYTES >> 20} MiB is not read. A link takes some 600 bytes: that
 is about 100,000 links, such as those of 300 robots of which each hears all others.

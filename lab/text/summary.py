@@ -117,8 +117,14 @@ def summarise(console: Console, scenario: Scenario, judged: Verdict) -> None:
         )
     for denied in judged.messages.refused:
         console.print(
-            f"[yellow]refused:[/] the holder of {denied.who}'s certificate was denied "
+            f"[yellow]refused:[/] the holder of {escape(denied.who)}'s certificate was denied "
             f"{escape(denied.key)}, {denied.times} × or more",
+            soft_wrap=True,
+        )
+    for closed in judged.messages.disconnected:
+        console.print(
+            f"[yellow]disconnected:[/] the holder of {escape(closed.who)}'s certificate, "
+            f"{closed.times} × or more: {escape(closed.reason)}",
             soft_wrap=True,
         )
     if judged.realtime is not None:

@@ -30,6 +30,14 @@ class Refused(Section):
     times: Count = Field(description="How often, at least.")
 
 
+class Disconnected(Section):
+    """A party with a certificate whose connection the hub closed."""
+
+    who: str = Field(description="The name on the certificate.")
+    reason: str = Field(description="Why.")
+    times: Count = Field(description="How often, at least.")
+
+
 class Messages(Section):
     """The messages of all links together."""
 
@@ -39,6 +47,9 @@ class Messages(Section):
     )
     rejected: list[Rejected] = Field(description="What receivers refused.")
     refused: list[Refused] = Field(description="What the hub's access control denied.")
+    disconnected: list[Disconnected] = Field(
+        default=[], description="Whose connections the hub closed; older files lack it."
+    )
 
     @property
     def lost(self) -> int:
@@ -91,6 +102,7 @@ def messages(events: Sequence[Event], rows: Sequence[LinkRow]) -> Messages:
             for (robot, source, reason), times in rejections(events).items()
         ],
         refused=_refused(events),
+        disconnected=_disconnected(events),
     )
 
 
@@ -109,6 +121,18 @@ def _refused(events: Sequence[Event]) -> list[Refused]:
         (event.who, event.key): event.times for event in events if isinstance(event, kinds.Refused)
     }
     return [Refused(who=who, key=key, times=count) for (who, key), count in times.items()]
+
+
+def _disconnected(events: Sequence[Event]) -> list[Disconnected]:
+    """The latest count of every party and reason."""
+    times = {
+        (event.who, event.reason): event.times
+        for event in events
+        if isinstance(event, kinds.Disconnected)
+    }
+    return [
+        Disconnected(who=who, reason=reason, times=count) for (who, reason), count in times.items()
+    ]
 
 
 def links(rows: Sequence[LinkRow], end_ns: int) -> list[LinkTraffic]:

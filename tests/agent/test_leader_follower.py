@@ -125,6 +125,8 @@ def test_a_leader_on_the_same_spot_is_no_division_by_zero():
         ({"follows": {"1": 2, "2": 1}}, "goes round in a circle"),
         ({"follows": {"2": 1, "3": 7}}, "names 7, which is no robot"),
         ({"follows": {"2": 1, "x": 1}}, "which is no robot"),
+        ({"follows": {"2": 1, "03": 1}}, "which is no robot"),
+        ({"follows": {"2": 1, "٣": 1}}, "which is no robot"),
         ({"follows": {"3": 1, "2": 3}}, "follows robot 3, which is not its neighbour"),
         ({"reach_m": 0.0}, "reach_m = 0.0: must be greater than 0"),
         ({"speed": 1.0}, "speed = 1.0: unknown key"),

@@ -18,7 +18,15 @@ from formnet.agent.law import Command, LawFailed
 from formnet.agent.robot import Outgoing, Robot
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.wire.broadcast import HELLO, Broadcast, Envelope, run_tag, sealed
-from formnet.formation.wire.messages import Drive, Links, Rejected, Sense, decode, encode
+from formnet.formation.wire.messages import (
+    PLANT,
+    Drive,
+    Links,
+    Rejected,
+    Sense,
+    decode,
+    encode,
+)
 from formnet.formation.wire.state import Stamped, State
 from formnet.netem import DELIVERED, IN_FLIGHT, LOST_RANDOM, stream
 
@@ -263,6 +271,17 @@ def test_law_is_given_the_same_object_until_something_new_is_heard(make):
     drive_in_random_order(robot, every=3, ticks=7, seed=0)
     assert seen[0] is seen[1] is seen[2]
     assert seen[2] != seen[3]
+
+
+@pytest.mark.parametrize("tick", [-(10**6), 10**15, 10**18, 2**63 - 8])
+def test_a_sense_of_an_impossible_tick_is_refused(make, tick):
+    """Its time in nanoseconds is no 64-bit number: no broadcast can have it as its stamp."""
+    robot, _ = make()
+    state = state_of(ME, 0)
+    assert robot.on_sense(decode(encode(Sense(tick, state)))) == (None, None)
+    assert robot.take_rejections() == [Rejected(ME, PLANT, "a sense of an impossible tick", 1)]
+    outgoing, _ = robot.on_sense(Sense(0, state))
+    assert outgoing is not None
 
 
 def test_robot_without_neighbours_answers_at_once(make):

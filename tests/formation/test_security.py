@@ -26,8 +26,8 @@ from formnet.formation.records.stream import read
 from formnet.formation.scenario.loading import load
 from formnet.formation.wire import bus
 from formnet.formation.wire.security import PLANT, Credentials
+from formnet.lab.launch.hub_log import MANY
 from formnet.lab.launch.launch import Launch, Place, free_port
-from formnet.lab.launch.refusals import MANY
 from formnet.lab.machines import keys
 from formnet.lab.runs.recording import Recording, trajectory_sha256
 from formnet.lab.scenarios.packaged import CONFIGS

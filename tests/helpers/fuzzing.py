@@ -92,6 +92,7 @@ def fuzz(count: int, seed: int) -> Fuzzed:
     scenario = load(CONFIGS / "paper" / "section5.toml")
     found = Fuzzed(Counter(), Counter(), [])
     virtual = Robot(resolve(scenario).robot(1), run="run", law=_Nothing())
+    sensing = Robot(resolve(scenario).robot(1), run="run", law=_Nothing())
     timed = TimedRobot(resolve(scenario).robot(1), run="run", law=_Nothing())
     valid = [encode(message) for message in _LOCKSTEP]
     broadcast = Broadcast(run_tag("run"), 2, 3, 30_000_000, _STATE).pack()
@@ -100,6 +101,10 @@ def fuzz(count: int, seed: int) -> Fuzzed:
         "lockstep": (_broken(draw, valid), decode),
         "broadcast": (_resealed(draw, broadcast), Broadcast.unpack),
         "envelope": (_broken(draw, [envelope]), Envelope.unpack),
+        "a robot's senses, in lockstep": (
+            _broken(draw, [encode(Sense(40, _STATE))]),
+            lambda data: _feel(sensing, decode(data)),
+        ),
         "a robot's ear, in lockstep": (
             _resealed(draw, broadcast),
             lambda data: virtual.on_broadcast(2, data, _one(draw, envelope)),
@@ -121,6 +126,11 @@ def fuzz(count: int, seed: int) -> Fuzzed:
             except Exception:
                 found.raised.append(f"{name}, message {number} {data!r}:\n{traceback.format_exc()}")
     return found
+
+
+def _feel(robot: Robot, message: messages.Message) -> None:
+    if isinstance(message, Sense):
+        robot.on_sense(message)
 
 
 def _hear(robot: TimedRobot, draw: random.Random, data: bytes, envelope: bytes) -> None:

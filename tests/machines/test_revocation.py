@@ -19,8 +19,8 @@ from formnet.formation.wire.security import (
     access_control,
     robot_name,
 )
+from formnet.lab.launch.hub_log import HubLog
 from formnet.lab.launch.launch import free_port
-from formnet.lab.launch.refusals import Refusals
 from formnet.lab.machines import keys
 from formnet.lab.machines.authority import Authority
 from formnet.lab.scenarios.packaged import CONFIGS
@@ -169,14 +169,15 @@ def test_a_hub_that_admits_nobody_opens(folder):
 def test_what_is_refused_is_a_party_s_or_a_certificate_s_that_does_not_count(folder):
     counting = Generations.read(folder).reissued(["robot-3"])
     plan = resolve(load(CONFIGS / "paper" / "section5-delay.toml"))
-    refusals = Refusals(plan, "run", counting)
+    log = HubLog(plan, "run", counting)
 
     def denied(common, key):
         module = "zenoh::net::routing::interceptor::access_control"
-        _, found = refusals.read(
-            f"TRACE {module}: tls+CertCommonName({common})+x is unauthorized to Put (ingress) on {key}"
+        _, found = log.read(
+            f"TRACE {module}: tls+CertCommonName({common})+x is unauthorized to Put (ingress) on {key}",
+            0,
         )
-        return found
+        return None if found is None else (found.who, found.key, found.times)
 
     keys_ = bus.Keys("run")
     assert denied("robot-2.1", keys_.from_robot(1)) == ("robot-2", keys_.from_robot(1), 1)

@@ -4,6 +4,8 @@ On a bus in memory with a clock of its own (``memory_bus``): a patience of half 
 milliseconds, and nothing depends on how busy the machine is.
 """
 
+from functools import partial
+
 import pytest
 from memory_bus import MemoryBus
 
@@ -175,6 +177,37 @@ def test_who_waits_for_another_is_not_blamed(hosted):
         waits.say(Drive(2, 20, 0.0, 0.0))
 
     silent.at[20] = lambda: run.bus.mailbox.after(3.5, go_on)
+    assert run.run() == COMPLETED
+    assert run.waits() == [(20, "answer", (3,))]
+    assert [event.robot for event in run.bus.told(events.Lost)] == [3]
+
+
+def test_who_lies_about_whom_it_waits_for_frames_nobody(hosted):
+    """Robot 2 answers nothing more, and says of robots that were heard that it waits for them."""
+    run = hosted("run.patience_s=3")
+    liar = run.robots[2]
+    liar.silent_from = 20
+    liar.at[20] = lambda: liar.say(Waiting(2, 20, [*run.plan.neighbours_of[2], 99]))
+    assert run.run() == COMPLETED
+    assert run.waits() == [(20, "answer", (2,))]
+    assert [event.robot for event in run.bus.told(events.Lost)] == [2]
+
+
+def test_who_lies_is_to_blame_where_others_wait_for_it(hosted):
+    """Robot 3 says that it waits for robot 2, which waits for it, as robot 4 does."""
+    run = hosted("run.patience_s=3")
+    for robot, others in ((3, [2]), (2, [3]), (4, [3])):
+        waits = run.robots[robot]
+        assert set(others) <= set(run.plan.neighbours_of[robot])
+        waits.silent_from = 20
+        waits.at[20] = partial(waits.say, Waiting(robot, 20, others))
+
+    def go_on():
+        for robot in (2, 4):
+            run.robots[robot].silent_from = None
+            run.robots[robot].say(Drive(robot, 20, 0.0, 0.0))
+
+    run.bus.mailbox.after(3.5, go_on)
     assert run.run() == COMPLETED
     assert run.waits() == [(20, "answer", (3,))]
     assert [event.robot for event in run.bus.told(events.Lost)] == [3]

@@ -79,7 +79,7 @@ def command(
         raise click.UsageError("needs exactly one of --listen and --connect")
     if scenario is None and overrides:
         raise click.UsageError("--set requires SCENARIO: a plan from standard input is final")
-    if lease_s < LONGEST_LEASE_S:
+    if lease_s < LONGEST_LEASE_S or keys is not None:  # a client that hangs may keep some busy
         threads.many()
     from formnet.formation.briefing.plan import BadBrief, Plan
     from formnet.formation.machines.custody import KeysError
