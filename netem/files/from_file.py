@@ -139,10 +139,12 @@ def _path(data: Mapping[str, Any], lists: tuple[str, ...], context: Mapping[str,
     except (OSError, ValueError, RuntimeError) as error:  # a null character, links in a circle
         raise FileError(f"file {str(path)!r} cannot be read: {error}") from None
     if not context.get("allow_outside") and not real.is_relative_to(below):
-        raise FileError(
-            "must lie below the folder of the scenario, links resolved; --allow-outside (in Python "
-            "allow_outside=True) reads it all the same"
+        more = (
+            "; --allow-outside (in Python allow_outside=True) reads it all the same"
+            if "allow_outside" in context  # a bridge has no such option
+            else ""
         )
+        raise FileError(f"must lie below the folder of what names it, links resolved{more}")
     return path
 
 

@@ -8,6 +8,8 @@ from in_process import formnet
 import formnet as api
 from formnet.formation.scenario.loading import ScenarioError, from_tables, load, loads
 from formnet.lab.scenarios.packaged import CONFIGS
+from formnet.netem.bridge import lanes
+from formnet.netem.bridge.lanes import NetworkFileError
 
 SCENARIO = (CONFIGS / "paper" / "section5.toml").read_text("utf-8")
 IDEAL = '{ distribution = "constant", mean_s = 0.0 }'
@@ -40,11 +42,11 @@ def test_a_file_outside_of_the_folder_is_not_read(place, how):
     elif how == "linked folder":
         (place / "x").symlink_to(place.parent)
     file = written(place, name)
-    with pytest.raises(ScenarioError, match="must lie below the folder of the scenario"):
+    with pytest.raises(ScenarioError, match="must lie below the folder of what names it"):
         load(file)
     assert load(file, allow_outside=True).network.default.delay.delays_s == [0.01, 0.01]
     code, said = formnet("check", "--no-lookahead", file)
-    assert (code, "must lie below the folder of the scenario" in said) == (2, True)
+    assert (code, "must lie below the folder of what names it" in said) == (2, True)
     assert formnet("check", "--no-lookahead", "--allow-outside", file)[0] == 0
     with pytest.raises(ScenarioError, match="must lie below"):
         api.check(file, lookahead=False)
@@ -88,3 +90,13 @@ def test_a_pipe_is_not_waited_for(place):
 def test_what_came_over_the_bus_reads_nothing(place):
     with pytest.raises(ScenarioError, match="may only be named in a file"):
         loads(written(place, "../trace.csv").read_text())
+
+
+def test_a_bridge_reads_from_below_its_file_s_folder_and_offers_no_option_that_it_has_not(place):
+    file = place / "radio.toml"
+    file.write_text(
+        '[network.default]\ndelay = { distribution = "trace", file = "../trace.csv" }\n'
+    )
+    with pytest.raises(NetworkFileError, match="must lie below the folder of what names it") as e:
+        lanes.load(file)
+    assert "--allow-outside" not in str(e.value)
