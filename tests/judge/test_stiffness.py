@@ -89,6 +89,7 @@ def test_no_shipped_scenario_is_warned_of_its_period(root):
         assert warnings(scenario) == assess(scenario).warnings, path
 
 
+@pytest.mark.long
 def test_check_and_run_warn_with_numbers_that_help(root, tmp_path, monkeypatch):
     monkeypatch.setattr(stiffness, "MOST_S", 60.0)  # however busy the machine is
 

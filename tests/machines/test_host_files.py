@@ -251,6 +251,7 @@ def test_the_hosts_of_a_scenario_are_not_used_unasked_and_not_recorded(scenario,
     )
 
 
+@pytest.mark.long
 def test_a_page_and_an_export_of_an_older_run_leave_hosts_out(scenario, tmp_path):
     """Its folder has them still."""
     run = tmp_path / "run"

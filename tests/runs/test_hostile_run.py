@@ -130,7 +130,9 @@ def canary(place):
     }
 
 
-@pytest.mark.parametrize("writer", WRITERS)
+@pytest.mark.parametrize(
+    "writer", [pytest.param(key, marks=[pytest.mark.long] * (key == "plot")) for key in WRITERS]
+)
 @pytest.mark.parametrize("target", ["precious.txt", "none"])
 def test_a_link_in_a_run_s_folder_is_not_written_through(good, tmp_path, writer, target):
     """``figures/paths.png -> ../../precious.txt``, then ``plot``: that was the end of the file."""

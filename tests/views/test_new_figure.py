@@ -42,6 +42,7 @@ def run(tmp_path):
     return recording
 
 
+@pytest.mark.long
 def test_a_module_with_figures_is_all_that_a_new_one_needs(run, tmp_path, monkeypatch):
     (tmp_path / "speeds.py").write_text(MODULE, encoding="utf-8")
     monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(tmp_path)])
