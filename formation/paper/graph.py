@@ -34,32 +34,31 @@ def algebraic_connectivity(matrix: NDArray[np.float64]) -> float:
     return _eigenvalue(matrix, 1)
 
 
-def smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
-    """λ_min of a positive semidefinite matrix."""
-    return _eigenvalue(matrix, 0)
+def smallest_eigenvalue(matrix: NDArray[np.float64], damping: Sequence[float]) -> float:
+    """λ_min(L + diag μ); ``matrix`` is L, or what stands in its place with delays."""
+    return _eigenvalue(matrix + np.diag(damping), 0)
 
 
 def delayed_form(
     robots: Sequence[int],
     coupling: Mapping[tuple[int, int], float],
     delays_ns: Mapping[tuple[int, int], int],
-    damping: Sequence[float],
 ) -> NDArray[np.float64]:
-    """The matrix of what Eq. 41 leaves of z2 at least, (n_robots, n_robots).
+    """What Eq. 41 leaves of z2 at least in the place of L, (n_robots, n_robots).
 
-    It is the minimum of ½ Σ b_ji (z2_j − y)² + Σ μ_j z2_j² over what was sent before, y: one for
-    all links on which a robot is heard with the same delay, z2_i itself on those without delay.
-    With one delay δ_i > 0 for each sender it is ½ (D − A D⁻¹ A) + diag μ, with D and A the
-    degrees and weights; with a delay for each link, diag μ alone. ``delays_ns`` has both
-    directions, (source, destination), of every edge in ``coupling``.
+    It is the minimum of ½ Σ b_ji (z2_j − y)² over what was sent before, y: one for all links on
+    which a robot is heard with the same delay, z2_i itself on those without delay. With one delay
+    δ_i > 0 for each sender it is ½ (D − A D⁻¹ A), D and A the degrees and weights; with another
+    delay for each link, 0. ``delays_ns`` has both directions, (source, destination), of every edge
+    in ``coupling``.
     """
     index = {robot: i for i, robot in enumerate(robots)}
-    matrix = np.diag(np.array(damping, dtype=float))
     groups: dict[tuple[int, int], NDArray[np.float64]] = {}  # b of those who hear the same y
     for (source, destination), delay_ns in delays_ns.items():
         weight = coupling[min(source, destination), max(source, destination)]
         heard = groups.setdefault((source, delay_ns), np.zeros(len(robots)))
         heard[index[destination]] = weight
+    matrix = np.zeros((len(robots), len(robots)))
     for (source, delay_ns), heard in groups.items():
         matrix += 0.5 * np.diag(heard)
         if delay_ns:

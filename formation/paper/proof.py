@@ -6,8 +6,6 @@ proved. As printed, a theorem needs a condition of its own, which is applied her
 
 from typing import NamedTuple
 
-import numpy as np
-
 from formnet.formation.paper.graph import delayed_form, laplacian, smallest_eigenvalue
 from formnet.formation.paper.status import PROVED, WITH_COMPENSATION, Status
 from formnet.formation.scenario.model import Scenario
@@ -46,14 +44,14 @@ def margin_of(scenario: Scenario, theorem: int) -> Margin:
         delays_ns = {
             link: scenario.link_settings(*link).constant_ns or 0 for link in scenario.directed_links
         }
-        matrix = delayed_form(scenario.ids, weights, delays_ns, damping)
+        matrix = delayed_form(scenario.ids, weights, delays_ns)
         name = "β λ_min(½(D − A D⁻¹ A) + diag μ)"
         if len({(source, delay) for (source, _), delay in delays_ns.items()}) > len(damping):
             name = "β λ_min of Eq. 41 with these delays"
     else:
-        matrix = laplacian(scenario.ids, weights) + np.diag(damping)
+        matrix = laplacian(scenario.ids, weights)
         name = "β λ_min(L + diag μ)"
-    return Margin(name, scenario.law.beta * smallest_eigenvalue(matrix))
+    return Margin(name, scenario.law.beta * smallest_eigenvalue(matrix, damping))
 
 
 def proof_of(scenario: Scenario, theorem: int) -> Proof:

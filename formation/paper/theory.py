@@ -6,8 +6,6 @@ purpose.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from formnet.formation.paper.graph import (
     algebraic_connectivity,
     components,
@@ -58,7 +56,7 @@ def assess(scenario: Scenario) -> Assessment:
     matrix = laplacian(scenario.ids, scenario.formation.weights)
     damping = [scenario.vehicles[robot].damping for robot in scenario.ids]
     connectivity = algebraic_connectivity(matrix)
-    smallest = smallest_eigenvalue(matrix + np.diag(damping))
+    smallest = smallest_eigenvalue(matrix, damping)
     broken = _broken_assumptions(scenario)
     gaps, apart = _uncovered(scenario), _split(scenario)
     disturbances = [*_planned(scenario), *apart, *_imperfect_link(scenario)]

@@ -33,17 +33,18 @@ def lean(loop: ClosedLoop) -> Array:
     patterns, which = np.unique(loop.up, axis=0, return_inverse=True)
     for k, up in enumerate(patterns):
         at = np.flatnonzero(which.ravel() == k)
-        matrix = np.diag(loop.damping)
+        matrix = np.zeros((len(up), len(up)))
         for link in loop.links:
             if up[link.source] and up[link.destination]:
                 matrix[link.destination, link.destination] += link.weight
                 matrix[link.destination, link.source] -= link.weight
-        matrix = matrix[np.ix_(up, up)]
+        matrix, damping = matrix[np.ix_(up, up)], loop.damping[up]
         if not len(matrix):
             continue
         rows = np.ix_(at, np.flatnonzero(up))
-        if smallest_eigenvalue(matrix) > 0.0:
-            found[rows] = np.linalg.solve(matrix, zeta2[rows].T).T / loop.law.beta
+        if smallest_eigenvalue(matrix, damping) > 0.0:
+            n = matrix + np.diag(damping)
+            found[rows] = np.linalg.solve(n, zeta2[rows].T).T / loop.law.beta
         else:
             found[rows] = np.nan
     return found

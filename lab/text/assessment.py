@@ -16,7 +16,7 @@ def describe(scenario: Scenario) -> list[str]:
     margin = assessment.margin
     return [
         *graph,
-        *([] if margin is None else [f"  {margin.in_words}"]),
+        *([f"  {margin.in_words}"] if margin is not None and margin.value > 0.0 else []),
         f"  {assessment.why}",
         "  the theory claims: "
         + (

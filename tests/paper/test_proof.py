@@ -138,7 +138,7 @@ def test_the_margin_of_eq_41_is_the_least_over_all_that_was_sent_before():
         links = [*coupling, *((b, a) for a, b in coupling)]
         delays = {link: int(rng.integers(3)) for link in links}
         damping = rng.uniform(0.0, 1.0, 4)
-        matrix = delayed_form(robots, coupling, delays, damping)
+        matrix = delayed_form(robots, coupling, delays) + np.diag(damping)
         # The whole form in (x, y), y one for each sender and delay that is not zero.
         sent = sorted({(a, delays[a, b]) for a, b in links if delays[a, b]})
         whole = np.zeros((4 + len(sent),) * 2)
