@@ -45,6 +45,11 @@ class Falling(Section):
             return False
         return self.budget < self.initial
 
+    @property
+    def falls(self) -> bool:
+        """Whether it never rises, though a rise would show."""
+        return self.discriminates and not self.rises
+
 
 class Stability(Falling):
     """V along a run, counted from the instant at which all neighbours had been heard."""
@@ -75,7 +80,8 @@ class Stability(Falling):
             for which, rise in told.items()
         ]
         often = "once" if len(self.rises) == 1 else f"{len(self.rises)} times"
-        return f"V (Eq. {self.equation}) rises {often}, {', and '.join(words)}"
+        beside = "; V* never rises" if self.star is not None and self.star.falls else ""
+        return f"V (Eq. {self.equation}) rises {often}, {', and '.join(words)}{beside}"
 
 
 def stability(recording: "Collected") -> Stability | None:

@@ -132,7 +132,8 @@ def test_v_star_falls_where_v_rises(paper):
     assert rise.relative_gain > 0.3
     assert found.claims["lyapunov"].observed is False
     assert found.lyapunov.star.rises == []
-    assert found.lyapunov.star.discriminates
+    assert found.lyapunov.star.falls
+    assert found.rises_in_words.endswith("(law.cross_term); V* never rises")
 
 
 def test_v_star_is_there_only_where_it_is_a_lyapunov_function(paper):
