@@ -35,8 +35,40 @@ def algebraic_connectivity(matrix: NDArray[np.float64]) -> float:
 
 
 def smallest_eigenvalue(matrix: NDArray[np.float64], damping: Sequence[float]) -> float:
-    """λ_min(L + diag μ)."""
+    """λ_min(L + diag μ); ``matrix`` is L, or what stands in its place with delays."""
     return _eigenvalue(matrix + np.diag(damping), 0)
+
+
+def delayed_form(
+    robots: Sequence[int],
+    coupling: Mapping[tuple[int, int], float],
+    delays_ns: Mapping[tuple[int, int], int],
+) -> NDArray[np.float64]:
+    """What Eq. 41 leaves of z2 at least in the place of L, (n_robots, n_robots).
+
+    It is the minimum of ½ Σ b_ji (z2_j − y)² over what was sent before, y: one for all links on
+    which a robot is heard with the same delay, z2_i itself on those without delay. With one delay
+    δ_i > 0 for each sender it is ½ (D − A D⁻¹ A), D and A the degrees and weights; with another
+    delay for each link, 0. ``delays_ns`` has both directions, (source, destination), of every edge
+    in ``coupling``.
+    """
+    index = {robot: i for i, robot in enumerate(robots)}
+    groups: dict[tuple[int, int], NDArray[np.float64]] = {}  # b of those who hear the same y
+    for (source, destination), delay_ns in delays_ns.items():
+        weight = coupling[min(source, destination), max(source, destination)]
+        heard = groups.setdefault((source, delay_ns), np.zeros(len(robots)))
+        heard[index[destination]] = weight
+    matrix = np.zeros((len(robots), len(robots)))
+    for (source, delay_ns), heard in groups.items():
+        matrix += 0.5 * np.diag(heard)
+        if delay_ns:
+            matrix -= 0.5 * np.outer(heard, heard) / heard.sum()
+        else:
+            i = index[source]
+            matrix[i, i] += 0.5 * heard.sum()
+            matrix[i] -= 0.5 * heard
+            matrix[:, i] -= 0.5 * heard
+    return matrix
 
 
 def _eigenvalue(matrix: NDArray[np.float64], index: int) -> float:

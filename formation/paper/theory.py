@@ -1,4 +1,4 @@
-"""What the paper proves about a scenario: graph numbers, the theorem it falls under, warnings.
+"""What is proved about a scenario: graph numbers, the theorem it falls under, warnings.
 
 A broken assumption is a warning, not an error: an experiment may break it on
 purpose.
@@ -12,6 +12,8 @@ from formnet.formation.paper.graph import (
     laplacian,
     smallest_eigenvalue,
 )
+from formnet.formation.paper.proof import Margin, proof_of
+from formnet.formation.paper.status import NOT_COVERED, WITH_COMPENSATION, Status
 from formnet.formation.plan.timeline import effects
 from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
@@ -24,16 +26,17 @@ LAWS = ("cooperative", "leader_follower")
 class Assessment(NamedTuple):
     """The theory's view of one scenario.
 
-    ``theorem`` is 1-6 or None; ``why`` says how that follows. ``claims`` maps
+    ``theorem`` is 1-6 or None, ``proof`` what is proved of it with the scenario's cross term
+    (:mod:`formation.paper.proof`); ``why`` says how both follow. ``claims`` maps
     the name of each of Eqs. 3-5 to whether the theorem claims it (empty without a theorem).
-    ``cross_term_margin`` is β λ_min(L + diag μ), which must exceed 1/4 for
-    Theorems 2 and 4 to survive the cross term their proofs drop.
+    ``smallest_eigenvalue`` is λ_min(L + diag μ), ``margin`` that of V in the theorem, if any.
     """
 
     algebraic_connectivity: float
     smallest_eigenvalue: float
-    cross_term_margin: float
+    margin: Margin | None
     theorem: int | None
+    proof: Status
     why: str
     claims: dict[str, bool]
     warnings: list[str]
@@ -54,35 +57,43 @@ def assess(scenario: Scenario) -> Assessment:
     damping = [scenario.vehicles[robot].damping for robot in scenario.ids]
     connectivity = algebraic_connectivity(matrix)
     smallest = smallest_eigenvalue(matrix, damping)
-    margin = scenario.law.beta * smallest
     broken = _broken_assumptions(scenario)
     gaps, apart = _uncovered(scenario), _split(scenario)
     disturbances = [*_planned(scenario), *apart, *_imperfect_link(scenario)]
     theorem: int | None = None
-    if broken or gaps or disturbances:
-        why = "no theorem applies: " + "; ".join([*broken, *gaps, *disturbances])
+    status: Status = NOT_COVERED
+    margin: Margin | None = None
+    because = "; ".join([*broken, *gaps, *disturbances])
+    if because:
+        why = f"{NOT_COVERED} by a theorem: {because}"
     else:
-        theorem, why = _theorem(scenario, any(mu > 0 for mu in damping))
+        theorem, reasons = _theorem(scenario, any(mu > 0 for mu in damping))
+        status, because, margin = proof_of(scenario, theorem)
+        why = f"Theorem {theorem}, {status}: {', '.join(reasons)}; {because}"
     claims = (
         {} if theorem is None else dict.fromkeys(ERRORS, True) | {"centroid": theorem not in (1, 3)}
     )
-    # To see what holds on an imperfect network, with failures, is what a run is for: no warning.
-    beyond = bool(broken or gaps)
     if not of_the_paper(scenario):
-        return Assessment(
-            connectivity, smallest, margin, theorem, why, claims, _out_of_touch(scenario, apart)
-        )
-    warnings = [
-        *broken,
-        *_expectation_warnings(scenario, theorem, claims, gaps, apart, beyond=beyond),
-    ]
-    if theorem in (2, 4) and scenario.law.cross_term == "printed" and margin <= 0.25:
-        warnings.append(
-            f"law.cross_term: β λ_min(L + diag μ) = {margin:.3g} is not above 1/4, so the term "
-            f"w1 z2 z3 that the proof of Theorem {theorem} drops is not dominated; "
-            'cross_term = "compensated" removes it'
-        )
-    return Assessment(connectivity, smallest, margin, theorem, why, claims, warnings)
+        warnings = _out_of_touch(scenario, apart)
+    else:
+        # To see what holds on an imperfect network, with failures, is what a run is for.
+        beyond = bool(broken or gaps)
+        warnings = [
+            *broken,
+            *_expectation_warnings(scenario, theorem, claims, gaps, apart, beyond=beyond),
+        ]
+        if status == WITH_COMPENSATION and _claims_something(scenario):
+            warnings.append(
+                f"[expect] makes claims that are not proved with w1 z2 z3 as printed: {because}; "
+                f'law.cross_term = "compensated" makes Theorem {theorem} proved'
+            )
+    return Assessment(connectivity, smallest, margin, theorem, status, why, claims, warnings)
+
+
+def _claims_something(scenario: Scenario) -> bool:
+    """Whether ``[expect]`` says that one of Eqs. 3-5 holds."""
+    expect = scenario.expect
+    return expect is not None and any(expect.claims[name] for name in ERRORS)
 
 
 def _broken_assumptions(scenario: Scenario) -> list[str]:
@@ -90,7 +101,7 @@ def _broken_assumptions(scenario: Scenario) -> list[str]:
     if (groups := _parts(scenario)) is not None:
         broken.append(f"Assumption 1 (connected graph): the graph has components {groups}")
     w1 = scenario.law.w1
-    if w1.bias == 0.0 and (w1.amplitude == 0.0 or w1.frequency_radps == 0.0):
+    if w1.bias == 0.0 and w1.constant:
         broken.append("Assumption 2 (persistent excitation): w1 is zero at all times")
     return broken
 
@@ -109,8 +120,7 @@ def _out_of_touch(scenario: Scenario, apart: list[str]) -> list[str]:
 
 
 def _not_coming_about(scenario: Scenario, apart: list[str]) -> list[str]:
-    expect = scenario.expect
-    if expect is None or not any(expect.claims[name] for name in ERRORS):
+    if not _claims_something(scenario):
         return []
     return [f"[expect] may be unattainable: {since}" for since in apart]
 
@@ -123,17 +133,9 @@ def _uncovered(scenario: Scenario) -> list[str]:
         gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
     if law.delta == "printed":
         gaps.append("with the sign of Δ printed in Eq. 19 the proofs fail")
-    delays: dict[int, set[int | None]] = {}
-    for source, destination in scenario.directed_links:
-        delay_ns = scenario.link_settings(source, destination).constant_ns
-        delays.setdefault(source, set()).add(delay_ns)
-    uneven = [r for r, values in delays.items() if len(values) > 1 and None not in values]
-    if uneven:
-        gaps.append(
-            f"the theorems assume one delay δ_i per sender; robot {uneven[0]}'s differ by receiver"
-        )
+    delays = [scenario.link_settings(*link).constant_ns for link in scenario.directed_links]
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
-    if not damped and any(value for values in delays.values() for value in values):
+    if not damped and any(delays):
         gaps.append("with delays, Theorems 5 and 6 require some μ > 0")
     if law.level == "dynamic":
         gaps.extend(outside_model(scenario))
@@ -243,7 +245,7 @@ def outside_model(scenario: Scenario) -> list[str]:
     return gaps
 
 
-def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
+def _theorem(scenario: Scenario, damped: bool) -> tuple[int, list[str]]:
     delayed = any(
         scenario.link_settings(*link).constant_ns != 0 for link in scenario.directed_links
     )
@@ -256,7 +258,7 @@ def _theorem(scenario: Scenario, damped: bool) -> tuple[int, str]:
         "connected graph",
         "persistent w1",
     ]
-    return theorem, f"Theorem {theorem}: " + ", ".join(reasons)
+    return theorem, reasons
 
 
 def _expectation_warnings(

@@ -25,6 +25,11 @@ class W1(Table):
     )
     frequency_radps: NonNegative = Field(default=0.0, description="Frequency of the sine.")
 
+    @property
+    def constant(self) -> bool:
+        """Whether w1 is ``bias`` at all times."""
+        return self.amplitude == 0.0 or self.frequency_radps == 0.0
+
 
 class LawSettings(Table):
     """``[law]``: the control law and its parameters, named as in the paper."""

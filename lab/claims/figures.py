@@ -14,10 +14,15 @@ from formnet.lab.claims.results import BROKEN, Row
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes
 from formnet.lab.judge.claim_words import labels
 from formnet.lab.runs.recording import Collected
-from formnet.lab.verdict.model import FAILS, OBSERVED
+from formnet.lab.verdict.model import FAILS, NOT_JUDGED, OBSERVED
 
 _LEAST, _MOST = 1e-8, 1e5
-_VERDICT_COLOURS = {FAILS: "#D55E00", BROKEN: "#D55E00", OBSERVED: "0.45"}
+_VERDICT_COLOURS = {
+    FAILS: "#D55E00",
+    BROKEN: "#D55E00",
+    NOT_JUDGED: "#D55E00",
+    OBSERVED: "0.45",
+}
 
 
 def summary(rows: Sequence[Row]) -> Figure:

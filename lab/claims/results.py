@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 
-from formnet.formation.scenario.expect import ERRORS
+from formnet.formation.scenario.expect import ERRORS, LYAPUNOV
 from formnet.lab.claims.claim import Case, Claim
-from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED, Verdict
+from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED, Verdict
 
 BROKEN = "BROKEN"
 """The verdict on a claim of which a run did not end well."""
@@ -50,6 +50,15 @@ class Result:
             return False
         return all(self.observed(claim) == value for claim, value in case.asked.items())
 
+    @property
+    def undecided(self) -> bool:
+        """Whether nothing keeps the run from being as expected but that V was not judged."""
+        case = self.case
+        if not self.ended or self.diverged != case.diverges:
+            return False
+        missed = [name for name, value in case.asked.items() if self.observed(name) != value]
+        return missed == [LYAPUNOV.name] and self.observed(LYAPUNOV.name) is None
+
 
 @dataclass(frozen=True)
 class Row:
@@ -60,21 +69,31 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """HOLDS or FAILS; OBSERVED where nothing is claimed; BROKEN if a run did not end well."""
+        """HOLDS, FAILS or NOT_JUDGED; OBSERVED where nothing is claimed; BROKEN if a run broke."""
         if not all(result.ended for result in self.results):
             return BROKEN
         if not self.claim.claimed:
             return OBSERVED
-        return HOLDS if all(result.as_expected for result in self.results) else FAILS
+        if all(result.as_expected for result in self.results):
+            return HOLDS
+        open_ = all(result.as_expected or result.undecided for result in self.results)
+        return NOT_JUDGED if open_ else FAILS
 
     @property
     def happened(self) -> str:
         """What happened, in words."""
         runs = len(self.results)
         if self.claim.claimed:
-            wrong = [result.case.name for result in self.results if not result.as_expected]
+            undecided = [result.case.name for result in self.results if result.undecided]
+            wrong = [
+                result.case.name
+                for result in self.results
+                if not (result.as_expected or result.undecided)
+            ]
             if wrong:
                 return f"not as predicted in {len(wrong)} of {runs} runs: {', '.join(wrong)}"
+            if undecided:
+                return f"V not judged in {len(undecided)} of {runs} runs: {', '.join(undecided)}"
             return "as predicted" if runs == 1 else f"as predicted in all {runs} runs"
         ends_s = [r.verdict.outcome.t_s for r in self.results if r.diverged]
         if ends_s:

@@ -32,9 +32,9 @@ from formnet.lab.figures.graph import graph
 from formnet.lab.figures.headings import headings
 from formnet.lab.judge import claim_words
 from formnet.lab.judge.errors import by_claim, error_series, window_s
-from formnet.lab.judge.lyapunov import Curve, equation
-from formnet.lab.judge.lyapunov import curve as lyapunov_curve
-from formnet.lab.judge.rises import rises
+from formnet.lab.judge.lyapunov import Curves, equation
+from formnet.lab.judge.lyapunov import curves as lyapunov_curves
+from formnet.lab.judge.rises import rises, standing_causes
 from formnet.lab.runs.recording import Collected, Trajectories
 from formnet.plant.world import RUNAWAY
 
@@ -71,7 +71,7 @@ def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure | 
         yield "paths", partial(paths, recording)
         yield "headings", partial(headings, recording, before_runaway(trajectories))
         yield "errors", partial(errors, recording)
-        found = lyapunov_curve(recording)
+        found = lyapunov_curves(recording)
         if found is not None:
             yield "lyapunov", partial(lyapunov, recording, found)
     yield "graph", partial(graph, recording)
@@ -204,9 +204,9 @@ def errors(recording: Collected) -> Figure:
     return figure
 
 
-def lyapunov(recording: Collected, found: Curve) -> Figure:
-    """V on a log axis, with the stretches in which it gains more than its budget."""
-    scenario = recording.scenario
+def lyapunov(recording: Collected, both: Curves) -> Figure:
+    """V and V* on a log axis, with the stretches in which they gain more than their budgets."""
+    scenario, found, star = recording.scenario, both.v, both.star
     figure = blank(*HALF_IN)
     axes = figure.subplots()
     v = np.where(found.v > 0.0, found.v, np.nan)  # nobody is up
@@ -221,20 +221,33 @@ def lyapunov(recording: Collected, found: Curve) -> Figure:
     axes.semilogy(
         found.t_s[heard:], v[heard:], color=COLOURS[0], label=f"V, Eq. {equation(scenario)}"
     )
+    if star is not None:
+        axes.semilogy(
+            star.t_s,
+            np.where(star.v > 0.0, star.v, np.nan),
+            ls="--",
+            color=COLOURS[2],
+            label="V* = V + ζ2ᵀN⁻¹ζ2/(2β)",
+        )
     budget = np.where(np.isfinite(found.budget) & (found.budget > 0), found.budget, np.nan)
     axes.semilogy(
-        found.t_s, budget, color="0.6", lw=0.9, label="what it may gain a broadcast period"
+        found.t_s, budget, color="0.6", lw=0.9, label="what V may gain a broadcast period"
     )
-    for number, rise in enumerate(rises(recording, found)):
-        axes.axvspan(
-            rise.begin_s,
-            rise.end_s,
-            color=COLOURS[1],
-            alpha=0.35,
-            lw=1.0,
-            zorder=0,
-            label="V gains more" if number == 0 else None,
-        )
+    shaded = [(found, "V", COLOURS[1], False)]
+    if star is not None:
+        shaded.append((star, "V*", COLOURS[2], True))
+    for curve, name, colour, is_star in shaded:
+        causes = standing_causes(scenario, star=is_star)
+        for number, rise in enumerate(rises(recording, curve, causes)):
+            axes.axvspan(
+                rise.begin_s,
+                rise.end_s,
+                color=colour,
+                alpha=0.35,
+                lw=1.0,
+                zorder=0,
+                label=f"{name} gains more" if number == 0 else None,
+            )
     _mark_plan(axes, scenario, found.t_s[-1])
     axes.set_xlabel("t (s)")
     axes.set_ylabel("V")

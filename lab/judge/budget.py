@@ -9,7 +9,11 @@ sampling
     the kinematic level: its velocities from Eqs. 38, 39) that holds its wrench w for a whole
     broadcast period, and of one that uses what it heard for so long, each where positive;
 robust term
-    ρ‖Ȳᵀũ‖ e / (‖Ȳᵀũ‖ + e) with e = ε exp(−γt), which is at most Eq. 35's ρ ε exp(−γt).
+    ρ‖Ȳᵀũ‖ e / (‖Ȳᵀũ‖ + e) with e = ε exp(−γt), which is at most Eq. 35's ρ ε exp(−γt);
+rounding
+    that of states, law and V (:mod:`lab.judge.rounding`).
+
+V* leans on ζ2 besides: a velocity that differs from Eq. 39's by u2 − η2 gains it ζ2ᵀN⁻¹(u2 − η2)/β.
 
 Whatever V gains beyond that is a rise (:mod:`lab.judge.rises`).
 """
@@ -18,16 +22,25 @@ import numpy as np
 
 from formnet.formation.briefing.situation import body_estimate, parameters
 from formnet.lab.judge.closed_loop import Array, ClosedLoop, Eta
+from formnet.lab.judge.rounding import rounding
 
 
-def budget(loop: ClosedLoop, now: Eta) -> Array:
-    """What V may have gained since the instant before, (n,); 0 at the first."""
+def budget(loop: ClosedLoop, now: Eta, lean: Array) -> Array:
+    """What V may have gained since the instant before, (n,); 0 at the first.
+
+    ``lean`` is the derivative by ζ2 of what V* adds to V, (n, robots); 0 for V.
+    """
+    return _sampled(loop, now, lean) + rounding(loop, now, lean)
+
+
+def _sampled(loop: ClosedLoop, now: Eta, lean: Array) -> Array:
+    """The part of sampling and of the robust term."""
     robots, stale = loop.robots, loop.eta(stale=True)
     if loop.law.level == "kinematic":
-        own = _held_velocities(loop, now)
+        own, by_u2 = _held_velocities(loop, now), robots.z2 + lean
         powers = [
-            robots.s * (own[0] - now.first) + robots.z2 * (own[1] - now.second),
-            robots.s * (stale.first - now.first) + robots.z2 * (stale.second - now.second),
+            robots.s * (own[0] - now.first) + by_u2 * (own[1] - now.second),
+            robots.s * (stale.first - now.first) + by_u2 * (stale.second - now.second),
         ]
         return _integrated(loop, powers, np.zeros_like(loop.t_s))
     e1, e2 = robots.u1 - now.first, robots.u2 - now.second
@@ -47,11 +60,7 @@ def _integrated(loop: ClosedLoop, powers: list[Array], robust: Array) -> Array:
     ``powers`` are (n, robots), ``robust`` (n,); in each interval their larger end counts.
     """
     rates = [robust, *(loop.total(np.maximum(power, 0.0)) for power in powers)]
-    # Where robots go down or come back, what follows has no part in the interval before.
-    changes = (loop.up[1:] != loop.up[:-1]).any(axis=1)
-    gains = np.diff(loop.t_s) * sum(
-        np.maximum(rate[:-1], np.where(changes, 0.0, rate[1:])) for rate in rates
-    )
+    gains = np.diff(loop.t_s) * sum(map(loop.larger_end, rates))
     return np.concatenate(([0.0], np.where(np.isfinite(gains), gains, np.inf)))
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from formnet.formation.briefing.situation import parameters
 from formnet.formation.scenario.law import W1
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.runs.recording import Collected, Trajectories
@@ -49,6 +50,15 @@ class Eta(NamedTuple):
     second_dot: Array
 
 
+class Rounding(NamedTuple):
+    """A unit in the last place of what each sample holds, (n, robots) each, in the law's units."""
+
+    place: Array
+    heading: Array
+    speed: Array
+    turn_rate: Array
+
+
 class Link(NamedTuple):
     """One directed link: columns of its ends, b, δ, and since when its messages are in use.
 
@@ -72,6 +82,8 @@ class ClosedLoop:
         self.t_s = trajectories.t_s
         self.w = _signal(scenario.law.w1, self.t_s)
         self.robots = _coordinates(scenario, trajectories, self.w)
+        self.rounding = _rounding(scenario, trajectories, self.w)
+        self.control_period_s = scenario.clock.control_period_s
         self.vehicles = [scenario.vehicles[r] for r in scenario.ids]
         self.damping = np.array([vehicle.damping for vehicle in self.vehicles])
         self.up = _up(recording, trajectories)
@@ -80,6 +92,19 @@ class ClosedLoop:
     def total(self, values: Array) -> Array:
         """The sum of ``values`` (n, robots) over the robots that are up, (n,)."""
         return np.where(self.up, values, 0.0).sum(axis=1)  # type: ignore[no-any-return]
+
+    def larger_end(self, rate: Array) -> Array:
+        """The larger value of ``rate`` (n,) at the ends of each interval, (n - 1,).
+
+        Where robots go down or come back, what follows has no part in the interval before.
+        """
+        changes = (self.up[1:] != self.up[:-1]).any(axis=1)
+        return np.maximum(rate[:-1], np.where(changes, 0.0, rate[1:]))
+
+    def inertias(self) -> tuple[Array, Array]:
+        """m ℓ² and I + m d² as they are, (robots,) each."""
+        scale = self.law.length_scale_m
+        return (*np.array([parameters(*body.truth(), scale)[:2] for body in self.vehicles]).T,)
 
     def eta(self, *, stale: bool = False) -> Eta:
         """Eqs. 38, 39 and their rates; ``stale``: with what neighbours sent as long before
@@ -142,8 +167,7 @@ def shifted(t_s: Array, values: Array, rates: Array | None, delay_s: float) -> A
 
 def _signal(w1: W1, t_s: Array) -> Signal:
     t = t_s[:, None]
-    constant = w1.amplitude == 0.0 or w1.frequency_radps == 0.0
-    omega, amplitude = w1.frequency_radps or 1.0, 0.0 if constant else w1.amplitude
+    omega, amplitude = w1.frequency_radps or 1.0, 0.0 if w1.constant else w1.amplitude
     sine, cosine = np.sin(omega * t), np.cos(omega * t)
     return Signal(
         w1.bias * t + amplitude / omega * (1.0 - cosine),
@@ -170,6 +194,18 @@ def _coordinates(scenario: Scenario, trajectories: Trajectories, w: Signal) -> V
     z1 = -heading - w.integral
     s_dot = u1 - w.w1 + factor_dot * zeta2 + factor * u2
     return Variables(z1, z2, z3, z1 + factor * zeta2, u1, u2, z2_dot, z3_dot, s_dot)
+
+
+def _rounding(scenario: Scenario, trajectories: Trajectories, w: Signal) -> Rounding:
+    x, y, heading, speed, turn_rate = np.moveaxis(np.spacing(np.abs(trajectories.states)), -1, 0)
+    offsets = np.spacing(np.abs(scenario.offsets_m))
+    scale = scenario.law.length_scale_m
+    return Rounding(
+        np.hypot(np.maximum(x, offsets[:, 0]), np.maximum(y, offsets[:, 1])) / scale,
+        np.maximum(heading, np.spacing(np.abs(w.integral))),
+        speed / scale,
+        turn_rate,
+    )
 
 
 def _up(recording: Collected, trajectories: Trajectories) -> NDArray[np.bool_]:

@@ -1,8 +1,9 @@
 """The Lyapunov functions of the paper along a run.
 
 V of Eq. 22 (kinematic), Eq. 34 (dynamic, read as ũᵀM̄ũ) and, where messages are delayed, the
-functionals of Eqs. 40 and 43. What V may gain in a sampled loop is :mod:`lab.judge.budget`'s,
-where it gains more :mod:`lab.judge.rises`'.
+functionals of Eqs. 40 and 43; beside it, where it is defined, V* of :mod:`lab.judge.star`. What
+they may gain in a sampled loop is :mod:`lab.judge.budget`'s, where they gain more
+:mod:`lab.judge.rises`'.
 """
 
 from typing import NamedTuple
@@ -11,10 +12,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from formnet.formation.briefing.situation import parameters
 from formnet.formation.scenario.model import Scenario
+from formnet.lab.judge import star
 from formnet.lab.judge.budget import budget
-from formnet.lab.judge.closed_loop import Array, ClosedLoop, Eta, Variables, shifted
+from formnet.lab.judge.closed_loop import Array, ClosedLoop, Eta
+from formnet.lab.judge.windows import windowed
 from formnet.lab.runs.recording import Collected
 
 _DIVERGED = 1e40
@@ -22,17 +24,25 @@ _DIVERGED = 1e40
 
 
 class Curve(NamedTuple):
-    """V along a run, at the recorded instants.
+    """V or V* along a run, at the recorded instants.
 
-    ``t_s``, ``v``: (n,). ``budget``: (n,), what V may have gained since the instant before by
-    sampling and by the robust term. ``whole``: (n,), whether every neighbour that is
-    up has been heard at that instant, so that the functional is the theorem's.
+    ``t_s``, ``v``: (n,); V* is NaN where it is not defined. ``budget``: (n,), what it may have
+    gained since the instant before by sampling, rounding and the robust term. ``whole``: (n,),
+    whether every neighbour that is up has been heard at that instant, so that the function is the
+    theorem's.
     """
 
     t_s: Array
     v: Array
     budget: Array
     whole: NDArray[np.bool_]
+
+
+class Curves(NamedTuple):
+    """V, and V* if it is one of the scenario's law and network, at some instant at least."""
+
+    v: Curve
+    star: Curve | None
 
 
 def is_defined(scenario: Scenario) -> bool:
@@ -43,24 +53,30 @@ def is_defined(scenario: Scenario) -> bool:
     return scenario.law.kind == "cooperative" and scenario.clock.mode == "lockstep"
 
 
-_KNOWN: WeakKeyDictionary[Collected, tuple[tuple[int, ...], Curve | None]] = WeakKeyDictionary()
-"""The newest curve of each run, and how much had been recorded then."""
+_KNOWN: WeakKeyDictionary[Collected, tuple[tuple[int, ...], Curves | None]] = WeakKeyDictionary()
+"""The newest curves of each run, and how much had been recorded then."""
 
 
 def curve(recording: Collected) -> Curve | None:
-    """V along a run, as long as it is finite; None without samples or where it is not defined.
+    """V along a run, as long as it is finite; None without samples or where it is not defined."""
+    found = curves(recording)
+    return None if found is None else found.v
 
-    It is worked out anew only if something was recorded since: a verdict, a scene and a figure
+
+def curves(recording: Collected) -> Curves | None:
+    """V and V* along a run, as :func:`curve`.
+
+    They are worked out anew only if something was recorded since: a verdict, a scene and a figure
     of one run ask for the same.
     """
     extent = (len(recording.samples), len(recording.link_rows), len(recording.events))
     known = _KNOWN.get(recording)
     if known is None or known[0] != extent:
-        known = _KNOWN[recording] = extent, _curve(recording)
+        known = _KNOWN[recording] = extent, _curves(recording)
     return known[1]
 
 
-def _curve(recording: Collected) -> Curve | None:
+def _curves(recording: Collected) -> Curves | None:
     scenario, trajectories = recording.scenario, recording.trajectories
     within = (np.abs(trajectories.states) < _DIVERGED).all(axis=(1, 2))  # not NaN either
     if not within.all():
@@ -71,7 +87,14 @@ def _curve(recording: Collected) -> Curve | None:
         loop = ClosedLoop(recording, trajectories)
         now = loop.eta()
         v, whole = _functional(loop, now)
-        return Curve(loop.t_s, v, budget(loop, now), whole)
+        found = Curve(loop.t_s, v, budget(loop, now, np.zeros_like(loop.robots.z2)), whole)
+        if not star.is_defined(scenario):
+            return Curves(found, None)
+        lean = star.lean(loop)
+        if np.isnan(lean).any(axis=1).all():
+            return Curves(found, None)
+        more = v + 0.5 * loop.total(star.zeta(loop) * lean)
+        return Curves(found, Curve(loop.t_s, more, budget(loop, now, lean), whole))
 
 
 def equation(scenario: Scenario) -> int:
@@ -89,27 +112,19 @@ def _functional(loop: ClosedLoop, now: Eta) -> tuple[Array, NDArray[np.bool_]]:
     robots, t_s = loop.robots, loop.t_s
     v = 0.5 * loop.total(robots.z1**2 + robots.z2**2 + robots.z3**2)
     whole = np.ones(len(t_s), dtype=bool)
-    stored, stored_rate = _cumulated(robots, t_s), robots.s**2 + robots.z2**2
+    values = robots.s**2 + robots.z2**2
+    rates = 2.0 * (robots.s * robots.s_dot + robots.z2 * robots.z2_dot)
+    held: dict[tuple[int, float], Array] = {}  # of one sender, for all who hear it as late
     for link in loop.links:
-        held = stored[:, link.source] - shifted(
-            t_s, stored[:, link.source], stored_rate[:, link.source], link.delay_s
-        )
-        v += np.where(link.heard, 0.5 * link.weight * held, 0.0)
+        if link.delay_s:
+            key = k, delay_s = link.source, link.delay_s
+            if key not in held:
+                held[key] = windowed(t_s, values[:, k], rates[:, k], delay_s)
+            v += np.where(link.heard, 0.5 * link.weight * held[key], 0.0)
         both = loop.up[:, link.source] & loop.up[:, link.destination]
         whole &= link.heard | ~both
     if loop.law.level == "dynamic":
-        mass, inertia = np.array(
-            [parameters(*body.truth(), loop.law.length_scale_m)[:2] for body in loop.vehicles]
-        ).T
+        mass, inertia = loop.inertias()
         e1, e2 = robots.u1 - now.first, robots.u2 - now.second
         v += 0.5 * loop.total(mass * (e2 + robots.z3 * e1) ** 2 + inertia * e1**2)
     return v, whole
-
-
-def _cumulated(robots: Variables, t_s: Array) -> Array:
-    """∫₀ᵗ (S² + z2²), by the trapezoidal rule with its end correction (fourth order)."""
-    values = robots.s**2 + robots.z2**2
-    rates = 2.0 * (robots.s * robots.s_dot + robots.z2 * robots.z2_dot)
-    h = np.diff(t_s)[:, None]
-    pieces = 0.5 * h * (values[1:] + values[:-1]) - h**2 / 12.0 * (rates[1:] - rates[:-1])
-    return np.concatenate((np.zeros((1, values.shape[1])), np.cumsum(pieces, axis=0)))

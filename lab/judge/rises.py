@@ -1,10 +1,12 @@
-"""Where V rises along a run, and what may have made it."""
+"""Where V, or V*, rises along a run, and what may have made it."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from formnet.formation.paper.proof import gain_for_star
 from formnet.formation.paper.theory import outside_model
 from formnet.formation.records.events import Lost
 from formnet.formation.scenario.expect import LYAPUNOV
@@ -28,16 +30,20 @@ class Rise(NamedTuple):
     causes: list[str]
 
 
-def rises(recording: Collected, found: Curve) -> list[Rise]:
-    """Every stretch in which V gains more than its budget, from when all were first heard on."""
+def rises(recording: Collected, found: Curve, standing: Sequence[str]) -> list[Rise]:
+    """Every stretch in which V gains more than its budget, from when all were first heard on.
+
+    ``standing``: why it may rise at any time (:func:`standing_causes`).
+    """
     first = int(np.argmax(found.whole)) if found.whole.any() else len(found.v) - 1
     with np.errstate(invalid="ignore"):  # a diverging run overflows
         excess = np.diff(found.v) - found.budget[1:]
         beyond = ~(excess <= LYAPUNOV.tolerance * found.v[:-1])
+    beyond &= ~(np.isnan(found.v[:-1]) | np.isnan(found.v[1:]))  # V* is not defined there
     marked = np.flatnonzero(beyond[first:]) + first
     if not len(marked):
         return []
-    causes = _Causes(recording)
+    causes = _Causes(recording, standing)
     groups = np.split(marked, np.flatnonzero(np.diff(marked) > _APART) + 1)
     return [_rise(found, excess, group, causes) for group in groups]
 
@@ -51,9 +57,9 @@ def _rise(found: Curve, excess: Array, steps: NDArray[np.intp], causes: "_Causes
 class _Causes:
     """What can make V rise, and when: all that the theorems exclude."""
 
-    def __init__(self, recording: Collected) -> None:
+    def __init__(self, recording: Collected, standing: Sequence[str]) -> None:
         scenario = recording.scenario
-        self._standing = standing_causes(scenario)
+        self._standing = standing
         self._happenings = [
             (entry.at_s, f"{entry.what} at {entry.at_s:g} s") for entry in scenario.plan
         ]
@@ -88,14 +94,17 @@ class _Causes:
         return [*found, *self._standing] or ["unexplained"]
 
 
-def standing_causes(scenario: Scenario) -> list[str]:
-    """Why V may rise at any time in a scenario; nothing where the theorems say that it never does.
+def standing_causes(scenario: Scenario, *, star: bool = False) -> list[str]:
+    """Why V (``star``: V*) may rise at any time; nothing where it is proved that it never does.
 
     What happens at an instant (faults, cuts, loss) is not among them.
     """
     law = scenario.law
     causes = []
-    if law.cross_term == "printed":
+    if star:
+        if law.level == "dynamic" and not (found := gain_for_star(scenario)).enough:
+            causes.append(f"{found.in_words} (law.feedback_gain)")
+    elif law.cross_term == "printed":
         causes.append("the term w1 z2 z3 that the proofs drop (law.cross_term)")
     if law.delta == "printed":
         causes.append("Δ of the sign printed in Eq. 19 (law.delta)")

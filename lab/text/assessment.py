@@ -7,17 +7,16 @@ from formnet.formation.scenario.model import Scenario
 def describe(scenario: Scenario) -> list[str]:
     """The graph in lines for people and, of a law that the paper speaks of, what theory says."""
     assessment = assess(scenario)
-    margin = assessment.cross_term_margin
-    relation = ">" if margin > 0.25 else "not >"
     graph = [
         f"  algebraic connectivity λ₂(L)  {assessment.algebraic_connectivity:.4g}",
         f"  λ_min(L + diag μ)             {assessment.smallest_eigenvalue:.4g}",
     ]
     if not of_the_paper(scenario):
         return graph
+    margin = assessment.margin
     return [
         *graph,
-        f"  β λ_min > 1/4                 {margin:.4g} {relation} 0.25",
+        *([f"  {margin.in_words}"] if margin is not None and margin.value > 0.0 else []),
         f"  {assessment.why}",
         "  the theory claims: "
         + (

@@ -20,7 +20,9 @@ class Judgement(Section):
 
     An equation is observed if its error stays within its tolerance at every recorded instant of
     the judged stretch at the end; V, if it never rises beyond its budget in the whole run. In a
-    run that diverged nothing is observed; one that ended early in another way is not judged.
+    run that diverged nothing is observed; one that ended early in another way is not judged. Nor
+    is a V that does not rise, where its budget exceeds what it began with (estimates are wrong,
+    and ε is large): a rise would not show.
     """
 
     expected: bool | None = Field(description="What `[expect]` claims; null if nothing.")
@@ -90,7 +92,9 @@ def _of_v(rising: Stability | None, expected: bool | None, *, diverged: bool) ->
     """The judgement on "V never rises"."""
     if rising is None or rising.from_s is None:
         return _judgement(expected, False if diverged else None, LYAPUNOV.tolerance, None)
-    observed = not diverged and not rising.rises
+    observed: bool | None = not diverged and not rising.rises
+    if observed and not rising.discriminates:
+        observed = None
     unmeasured = diverged and not rising.rises
     return _judgement(
         expected, observed, LYAPUNOV.tolerance, None if unmeasured else rising.largest_gain

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 from pydantic import AfterValidator, Field
 
 from formnet.exact import ARITHMETIC_VERSION
+from formnet.formation.paper.status import Status
 from formnet.formation.scenario.expect import CRITERIA, ERRORS, LYAPUNOV, Expect
 from formnet.lab.runs.build import versions
 from formnet.lab.verdict.claims import Claims, Judgement, claims
@@ -52,7 +53,15 @@ class Verdict(Section):
     theorem: int | None = Field(
         description="The theorem of the paper that the scenario falls under, if any."
     )
-    why: str = Field(description="Why it falls under that theorem, or under none.")
+    proof: Status | None = Field(
+        default=None,
+        description="What is proved of the scenario: `proved`, with its law; `proved with "
+        'compensation`, with `law.cross_term = "compensated"` only, which it does not have; `not '
+        "covered`, by any theorem. Null in verdicts from before there was this field.",
+    )
+    why: str = Field(
+        description="Why it falls under that theorem, or under none, and why that is proved of it."
+    )
     formation_error_m: float | None = Field(description="The error of Eq. 3 at the end.")
     heading_error_rad: float | None = Field(description="The error of Eq. 4 at the end.")
     centroid_error_m: float | None = Field(description="The error of Eq. 5 at the end.")
@@ -201,6 +210,7 @@ def judge(
         robots=participants(scenario.ids, judged, recording.events),
         warnings=list(warnings),
         theorem=assessment.theorem,
+        proof=assessment.proof,
         why=assessment.why,
         formation_error_m=_last(found.formation_m),
         heading_error_rad=_last(found.heading_rad),

@@ -1,12 +1,13 @@
-"""``lyapunov``: V along a run (Eq. 22, 34, 40 or 43), and every rise of it beyond its budget."""
+"""``lyapunov``: V along a run (Eq. 22, 34, 40 or 43), V*, and every rise beyond their budgets."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
 from formnet.lab.verdict.section import Section, finite
 
 if TYPE_CHECKING:
+    from formnet.lab.judge.lyapunov import Curve
     from formnet.lab.runs.recording import Collected
 
 
@@ -20,22 +21,45 @@ class RiseOfV(Section):
     causes: list[str] = Field(description="What may have made it rise.")
 
 
-class Stability(Section):
+class Falling(Section):
+    """A function that never rises if the theory holds, from when all neighbours had been heard."""
+
+    from_s: float | None = Field(
+        description="The first instant at which it is the theorem's; null if there is none."
+    )
+    initial: float | None = Field(description="Its value at that instant.")
+    final: float | None = Field(description="Its value at the end.")
+    budget: float | None = Field(
+        description="What sampling, rounding and the robust term may have added to it in the whole "
+        "run."
+    )
+    may_rise_by: list[str] = Field(
+        description="What in the scenario lets it rise at any time, against the theorems."
+    )
+    rises: list[RiseOfV] = Field(description="Every rise, in the order of time.")
+
+    @property
+    def discriminates(self) -> bool:
+        """Whether a rise would show: what it may gain unnoticed is less than it had."""
+        if self.initial is None or self.budget is None:
+            return False
+        return self.budget < self.initial
+
+    @property
+    def falls(self) -> bool:
+        """Whether it never rises, though a rise would show."""
+        return self.discriminates and not self.rises
+
+
+class Stability(Falling):
     """V along a run, counted from the instant at which all neighbours had been heard."""
 
     equation: int = Field(description="The equation of the paper that V is of.")
-    from_s: float | None = Field(
-        description="The first instant at which V is the theorem's; null if there is none."
+    star: Falling | None = Field(
+        default=None,
+        description="V* = V + ζ2ᵀN⁻¹ζ2/(2β), which never rises with the printed cross term; null "
+        "unless w1 is constant and not 0, the cross term printed, and nothing delayed.",
     )
-    initial: float | None = Field(description="V at that instant.")
-    final: float | None = Field(description="V at the end.")
-    budget: float | None = Field(
-        description="What sampling and the robust term may have added to V in the whole run."
-    )
-    may_rise_by: list[str] = Field(
-        description="What in the scenario lets V rise at any time, against the theorems."
-    )
-    rises: list[RiseOfV] = Field(description="Every rise, in the order of time.")
 
     @property
     def largest_gain(self) -> float | None:
@@ -56,7 +80,8 @@ class Stability(Section):
             for which, rise in told.items()
         ]
         often = "once" if len(self.rises) == 1 else f"{len(self.rises)} times"
-        return f"V (Eq. {self.equation}) rises {often}, {', and '.join(words)}"
+        beside = "; V* never rises" if self.star is not None and self.star.falls else ""
+        return f"V (Eq. {self.equation}) rises {often}, {', and '.join(words)}{beside}"
 
 
 def stability(recording: "Collected") -> Stability | None:
@@ -64,25 +89,35 @@ def stability(recording: "Collected") -> Stability | None:
     from formnet.lab.judge import lyapunov  # loads NumPy
     from formnet.lab.judge.rises import rises, standing_causes
 
-    found = lyapunov.curve(recording)
+    found = lyapunov.curves(recording)
     if found is None:
         return None
-    first = int(found.whole.argmax()) if found.whole.any() else None
+
+    def falling(curve: "Curve", causes: list[str]) -> dict[str, Any]:
+        first = int(curve.whole.argmax()) if curve.whole.any() else None
+        return {
+            "from_s": None if first is None else float(curve.t_s[first]),
+            "initial": None if first is None else finite(curve.v[first]),
+            "final": finite(curve.v[-1]),
+            "budget": None if first is None else finite(curve.budget[first + 1 :].sum()),
+            "may_rise_by": causes,
+            "rises": [
+                RiseOfV(
+                    begin_s=rise.begin_s,
+                    end_s=rise.end_s,
+                    gain=finite(rise.gain),
+                    relative_gain=finite(rise.relative_gain),
+                    causes=rise.causes,
+                )
+                for rise in rises(recording, curve, causes)
+            ],
+        }
+
+    scenario, star = recording.scenario, found.star
     return Stability(
-        equation=lyapunov.equation(recording.scenario),
-        from_s=None if first is None else float(found.t_s[first]),
-        initial=None if first is None else finite(found.v[first]),
-        final=finite(found.v[-1]),
-        budget=None if first is None else finite(found.budget[first + 1 :].sum()),
-        may_rise_by=standing_causes(recording.scenario),
-        rises=[
-            RiseOfV(
-                begin_s=rise.begin_s,
-                end_s=rise.end_s,
-                gain=finite(rise.gain),
-                relative_gain=finite(rise.relative_gain),
-                causes=rise.causes,
-            )
-            for rise in rises(recording, found)
-        ],
+        equation=lyapunov.equation(scenario),
+        **falling(found.v, standing_causes(scenario)),
+        star=None
+        if star is None
+        else Falling(**falling(star, standing_causes(scenario, star=True))),
     )

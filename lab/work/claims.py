@@ -24,9 +24,9 @@ from formnet.lab.runs.exits import of as code_of
 from formnet.lab.runs.folders import claimed, forget, fresh_folder
 from formnet.lab.text.console import Console, escape
 from formnet.lab.text.tables import output
-from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
+from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 
-_STYLES = {HOLDS: "green", FAILS: "red", BROKEN: "red", OBSERVED: "dim"}
+_STYLES = {HOLDS: "green", FAILS: "red", NOT_JUDGED: "red", BROKEN: "red", OBSERVED: "dim"}
 
 
 def run_claims(
@@ -96,7 +96,9 @@ def run_claims(
     if problems:
         return RUN_BROKE
     verdicts = {row.verdict for row in rows}
-    return RUN_BROKE if BROKEN in verdicts else ONE_FAILS if FAILS in verdicts else ALL_HOLD
+    if BROKEN in verdicts:
+        return RUN_BROKE
+    return ONE_FAILS if verdicts & {FAILS, NOT_JUDGED} else ALL_HOLD
 
 
 def list_claims() -> int:
@@ -133,9 +135,9 @@ def _do_all(
             how = f"{outcome.kind} {outcome.reason}".strip()
             for lost in result.verdict.robots.lost:
                 how += f"; robot {lost.robot} was lost: {lost.reason}"
+            word = "not judged" if result.undecided else "not as predicted"
             console.print(
-                f"[red]not as predicted:[/] {_label(item)} ({escape(how)}), see "
-                + escape(str(item.folder)),
+                f"[red]{word}:[/] {_label(item)} ({escape(how)}), see " + escape(str(item.folder)),
                 soft_wrap=True,
             )
 

@@ -374,8 +374,9 @@ def test_check_reports_numbers_and_theorem():
     assert result.exit_code == 0
     assert "λ₂(L)  2.764" in result.output
     assert "λ_min(L + diag μ)             0.4174" in result.output
-    assert "4.174 > 0.25" in result.output
-    assert "Theorem 6: dynamic level, constant delays, some μ > 0" in result.output
+    assert "β λ_min(½(D − A D⁻¹ A) + diag μ) = 1.6 is above 1/4" in result.output
+    assert "Theorem 6, proved: " in result.output
+    assert "dynamic level, constant delays, some μ > 0" in result.output
 
 
 def test_check_warns_of_broken_assumptions():

@@ -21,7 +21,7 @@ from formnet.lab.claims.catalogue import catalogue
 from formnet.lab.claims.claim import ALL_HOLD, APART, NOT_HOME, Case, Claim
 from formnet.lab.claims.results import BROKEN, Result, Row
 from formnet.lab.scenarios.packaged import CONFIGS
-from formnet.lab.verdict.model import FAILS, HOLDS, OBSERVED
+from formnet.lab.verdict.model import FAILS, HOLDS, NOT_JUDGED, OBSERVED
 from formnet.lab.work import claims as command
 
 CLAIMS = {claim.key: claim for claim in catalogue()}
@@ -174,6 +174,18 @@ def test_a_run_that_should_diverge_must_and_no_other_may():
     assert row(result(diverging, kind="diverged", **not_one)).verdict == HOLDS
     assert row(result(diverging, **not_one)).verdict == FAILS
     assert row(result(Case("c", "s", (), APART), kind="diverged", **not_one)).verdict == FAILS
+
+
+def test_a_row_whose_v_would_not_show_a_rise_is_not_judged():
+    case = Case("c", "s.toml", (), {"lyapunov": True})
+    assert row(result(case, lyapunov=True)).verdict == HOLDS
+    unknown = row(result(case, lyapunov=True), result(case))
+    assert unknown.verdict == NOT_JUDGED
+    assert unknown.happened == "V not judged in 1 of 2 runs: c"
+    assert row(result(case), result(case, lyapunov=False)).verdict == FAILS
+    both = Case("b", "s.toml", (), {"lyapunov": True, "heading": True})
+    assert row(result(both, heading=True)).verdict == NOT_JUDGED
+    assert row(result(both, heading=False)).verdict == FAILS
 
 
 def test_where_nothing_is_claimed_it_is_said_what_was_observed():

@@ -11,7 +11,7 @@ from formnet.formation.scenario.loading import load
 from formnet.formation.wire.state import Stamped, State
 from formnet.lab.figures import run_figures as figures
 from formnet.lab.judge import lyapunov
-from formnet.lab.judge.rises import Rise, rises
+from formnet.lab.judge.rises import Rise, rises, standing_causes
 from formnet.lab.runs.recording import Collected
 from formnet.lab.verdict.model import judge
 
@@ -26,7 +26,7 @@ EXACT = (
 def found_in(recording: Collected) -> tuple[lyapunov.Curve, list[Rise]]:
     curve = lyapunov.curve(recording)
     assert curve is not None
-    return curve, rises(recording, curve)
+    return curve, rises(recording, curve, standing_causes(recording.scenario))
 
 
 # --- against what the law itself makes of the same states -----------------------------
@@ -238,8 +238,8 @@ def test_a_rise_fails_the_claim_and_is_drawn(paper, tmp_path):
     judged = judge(recording, mode="inline", wall_s=1.0)
     assert judged.claims["lyapunov"].holds is False
     assert not judged.passed
-    curve, rises = found_in(recording)
-    axes = figures.lyapunov(recording, curve).axes[0]
+    _, rises = found_in(recording)
+    axes = figures.lyapunov(recording, lyapunov.curves(recording)).axes[0]
     assert rises
     assert "V gains more" in axes.get_legend_handles_labels()[1]
 
@@ -263,5 +263,5 @@ def test_no_budget_of_what_follows_hides_what_a_fault_does(root):
     nobody = (curve.t_s >= 8.0) & (curve.t_s < 8.25)
     assert (curve.v[nobody] == 0.0).all()
     assert (curve.v[~nobody] > 0.0).all()
-    axes = figures.lyapunov(recording, curve).axes[0]
+    axes = figures.lyapunov(recording, lyapunov.curves(recording)).axes[0]
     assert axes.get_ylim()[0] > 1e-6  # where nobody is up nothing is drawn
