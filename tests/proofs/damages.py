@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 SECRET = "what lies outside, and is nobody's business "
 FILES = ("scenario.toml", "verdict.json", "events.jsonl", "states.parquet", "links.parquet")
 PLACES = (*FILES, "run.rrd", "report.html", "figures/paths.png", "figures/errors.svg")
+_LONG = 2**24
 SUBFOLDERS = ("figures", "logs", "csv")
 Damage = Callable[[random.Random, Path, Path], None]
 """Does something to a run's folder; the last is a folder beside it, which is nobody's business."""
@@ -29,6 +30,13 @@ def _gone(path: Path) -> Path:
     return path
 
 
+def _content(path: Path) -> bytes:
+    """What a file holds; nothing of one that is long, or that would be waited for."""
+    if not path.is_file() or path.stat().st_size > _LONG:
+        return b""
+    return path.read_bytes()
+
+
 def _truncated(r: random.Random, run: Path, __: Path) -> None:
     file = run / r.choice(FILES)
     if file.is_file():
@@ -37,16 +45,16 @@ def _truncated(r: random.Random, run: Path, __: Path) -> None:
 
 def _flipped(r: random.Random, run: Path, __: Path) -> None:
     file = run / r.choice(FILES)
-    data = bytearray(file.read_bytes()) if file.is_file() else bytearray()
+    data = bytearray(_content(file))
     for _ in range(r.choice((1, 3, 30)) if data else 0):
         data[r.randrange(len(data))] = r.randrange(256)
-    file.write_bytes(data)
+    _gone(file).write_bytes(data)
 
 
 def _swapped(r: random.Random, run: Path, __: Path) -> None:
     one, other = (run / name for name in r.sample(FILES, 2))
     if one.is_file() and other.is_file():
-        first, second = one.read_bytes(), other.read_bytes()
+        first, second = _content(one), _content(other)
         one.write_bytes(second)
         other.write_bytes(first)
 
@@ -92,8 +100,8 @@ def _long(r: random.Random, run: Path, __: Path) -> None:
     size = r.choice((10**5, 3 * 10**6, 2 * 10**7))
     text = r.choice(('"' + "x" * size, "9" * size, "[[],[]," * (size // 7), "a=1\n" * (size // 4)))
     name = r.choice((*FILES[:3], "claims.json", "nemesis.json"))
-    if r.random() < 0.3 and (run / name).is_file():
-        text = (run / name).read_text(errors="replace") + text
+    if r.random() < 0.3:
+        text = _content(run / name).decode(errors="replace") + text
     _gone(run / name).write_text(text)
 
 
@@ -114,7 +122,7 @@ _NUMBERS = (
 def _numbers(r: random.Random, run: Path, __: Path) -> None:
     """Some number of a text, or word, becomes another value."""
     file = run / r.choice(FILES[:3])
-    text = file.read_text(errors="replace") if file.is_file() else ""
+    text = _content(file).decode(errors="replace")
     for _ in range(r.choice((1, 1, 1, 4))):
         found = list(
             re.finditer(r"(?<![\w.\"])-?\d+(\.\d+)?(e[-+]?\d+)?(?![\w.\"])|\"[^\"\n]*\"", text)
@@ -122,13 +130,15 @@ def _numbers(r: random.Random, run: Path, __: Path) -> None:
         if found:
             hit = r.choice(found)
             text = text[: hit.start()] + r.choice(_NUMBERS) + text[hit.end() :]
-    file.write_bytes(text.encode(errors="replace"))
+    _gone(file).write_bytes(text.encode(errors="replace"))
 
 
 def _encoded(r: random.Random, run: Path, __: Path) -> None:
     file = run / r.choice(FILES[:3])
-    text = file.read_text(errors="replace") if file.is_file() else "ü"
-    file.write_bytes(text.encode(r.choice(("utf-16", "utf-32", "utf-8-sig", "cp500"))) + b"\xff")
+    text = _content(file).decode(errors="replace") or "ü"
+    _gone(file).write_bytes(
+        text.encode(r.choice(("utf-16", "utf-32", "utf-8-sig", "cp500"))) + b"\xff"
+    )
 
 
 def _many(r: random.Random, run: Path, __: Path) -> None:
@@ -142,14 +152,16 @@ def _many(r: random.Random, run: Path, __: Path) -> None:
 def _lines(r: random.Random, run: Path, __: Path) -> None:
     """The lines of the events again and again, in another order, or without an end."""
     file = run / "events.jsonl"
-    lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else [b"{}\n"]
-    kept = [r.choice(lines or [b"\n"]) for _ in range(r.choice((3, 300, 30_000)))]
-    file.write_bytes(b"".join(kept) + r.choice((b"", b"{", b" " * 10**6)))
+    lines = _content(file).splitlines(keepends=True) or [b"{}\n"]
+    kept = [r.choice(lines)[:10_000] for _ in range(r.choice((3, 300, 30_000)))]
+    _gone(file).write_bytes(b"".join(kept) + r.choice((b"", b"{", b" " * 10**6)))
 
 
 def _columns(r: random.Random, run: Path, __: Path) -> None:
     """A table with other values, types, columns or rows."""
     name = r.choice(FILES[3:])
+    if not _content(run / name):
+        return
     try:
         table = pq.read_table(run / name)
     except (OSError, pa.ArrowException):
@@ -157,6 +169,8 @@ def _columns(r: random.Random, run: Path, __: Path) -> None:
     index = r.randrange(table.num_columns)
     field = table.schema.field(index)
     rows = table.num_rows
+    if not rows:
+        return
     values: list[object] = table.column(index).to_pylist()
     match r.randrange(8):
         case 0:
