@@ -32,7 +32,7 @@ def _gone(path: Path) -> Path:
 
 def _content(path: Path) -> bytes:
     """What a file holds; nothing of one that is long, or that would be waited for."""
-    if not path.is_file() or path.stat().st_size > _LONG:
+    if path.is_symlink() or not path.is_file() or path.stat().st_size > _LONG:
         return b""
     return path.read_bytes()
 
@@ -53,7 +53,7 @@ def _flipped(r: random.Random, run: Path, __: Path) -> None:
 
 def _swapped(r: random.Random, run: Path, __: Path) -> None:
     one, other = (run / name for name in r.sample(FILES, 2))
-    if one.is_file() and other.is_file():
+    if one.is_file() and other.is_file() and not (one.is_symlink() or other.is_symlink()):
         first, second = _content(one), _content(other)
         one.write_bytes(second)
         other.write_bytes(first)
