@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from formnet.formation.paper.geometry import errors
 from formnet.formation.records.events import Kill
 from formnet.formation.scenario.expect import ERRORS
 from formnet.lab.claims.results import BROKEN, Row
 from formnet.lab.figures.canvas import COLOURS, blank, colours, dashes
+from formnet.lab.figures.plotting import Axes, Figure, Line2D
 from formnet.lab.judge.claim_words import labels
 from formnet.lab.runs.recording import Collected
 from formnet.lab.verdict.model import FAILS, NOT_JUDGED, OBSERVED

@@ -4,14 +4,13 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from formnet.formation.briefing.resolving import resolve
 from formnet.lab.claims import figures, report
 from formnet.lab.claims.beyond import COMPARED
 from formnet.lab.claims.results import Row
 from formnet.lab.claims.work import scenario_of
 from formnet.lab.figures.canvas import plain_style, save
+from formnet.lab.figures.plotting import Figure
 from formnet.lab.launch.inline import Inline
 from formnet.lab.runs import files
 from formnet.lab.runs.recording import Collected

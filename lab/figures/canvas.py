@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from formnet.lab.runs import files
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from formnet.lab.figures.plotting import Figure
 
 # Okabe and Ito's palette: told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
@@ -156,9 +156,9 @@ def _apart(palette: tuple[str, ...]) -> list[str]:
 def plain_style() -> Iterator[None]:
     """Figures are made and saved in matplotlib's own style here.
 
-    matplotlib obeys a file of settings in the working directory, which may be anybody's.
+    Else it obeys the user's settings, with which pictures differ from machine to machine.
     """
-    from matplotlib import style
+    from formnet.lab.figures.plotting import style
 
     with style.context("default"):
         yield
@@ -166,8 +166,7 @@ def plain_style() -> Iterator[None]:
 
 def blank(width: float, height: float) -> "Figure":
     """An empty figure, in inches, that needs no display."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from formnet.lab.figures.plotting import Figure, FigureCanvasAgg
 
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)

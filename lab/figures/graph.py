@@ -3,9 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from formnet.formation.plan.roster import Span
@@ -13,6 +10,7 @@ from formnet.formation.scenario.model import Scenario
 from formnet.lab.figures import presence
 from formnet.lab.figures.canvas import blank, colours, curves
 from formnet.lab.figures.links import stretches
+from formnet.lab.figures.plotting import Axes, Figure, Line2D
 from formnet.lab.runs.recording import Collected
 
 _SIDE_IN = 5.2

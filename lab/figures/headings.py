@@ -1,13 +1,12 @@
 """``headings.png``: where the robots look, and how far they agree (Figs. 5, 7 of the paper)."""
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from formnet.formation.scenario.expect import Expect
 from formnet.lab.figures import presence
 from formnet.lab.figures.canvas import HALF_IN, MOST_NAMED, blank, colours, dashes, line_or_point
+from formnet.lab.figures.plotting import Axes, Figure
 from formnet.lab.runs.recording import Collected, Trajectories
 
 _NO_MEAN = 1e-9

@@ -5,15 +5,13 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from formnet.formation.plan.timeline import arrows
 from formnet.formation.records.rows import LinkRow
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.figures.canvas import COLOURS, blank
+from formnet.lab.figures.plotting import Axes, Figure, Line2D
 from formnet.lab.runs.recording import Collected
 from formnet.netem.settings.links import LinkSettings
 from formnet.netem.settings.timeline import NEVER

@@ -7,9 +7,6 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from formnet.formation.scenario.expect import Expect
@@ -30,6 +27,7 @@ from formnet.lab.figures.canvas import (
 )
 from formnet.lab.figures.graph import graph
 from formnet.lab.figures.headings import headings
+from formnet.lab.figures.plotting import Axes, Figure, LineCollection
 from formnet.lab.judge import claim_words
 from formnet.lab.judge.errors import by_claim, error_series, window_s
 from formnet.lab.judge.lyapunov import Curves, equation

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from formnet.formation.scenario.expect import CRITERIA, Expect
 from formnet.lab.figures.canvas import COLOURS, as_label, blank, colours, dashes, save
+from formnet.lab.figures.plotting import Figure
 from formnet.lab.judge import claim_words
 from formnet.lab.judge.errors import by_claim, error_series
 from formnet.lab.runs import files

@@ -126,3 +126,24 @@ def test_figures_do_not_obey_a_matplotlibrc_that_lies_there(tmp_path):
         assert called(folder, *words)[0] == 1
         pictures.append((folder / "out" / "figures" / "paths.png").read_bytes())
     assert pictures[0] == pictures[1]
+
+
+@pytest.mark.processes
+def test_no_file_of_settings_of_matplotlib_s_is_opened_there(tmp_path):
+    """Versions before 3.11 evaluate a part of it, long before a figure is made."""
+    hostile = tmp_path / "matplotlibrc"
+    hostile.write_text("import os\n")  # later versions name the line
+    watch = (
+        "import os, sys\n"
+        "opened = []\n"
+        "sys.addaudithook(lambda event, given: event == 'open' and opened.append(given[0]))\n"
+        "import formnet.lab.figures.run_figures, formnet.lab.claims.folder\n"
+        "from formnet.lab.figures.canvas import blank\n"
+        "blank(1.0, 1.0)\n"
+        "print([path for path in opened if os.path.realpath(str(path)) == sys.argv[1]])\n"
+        "print(os.getcwd())\n"
+    )
+    words = [sys.executable, "-P", "-c", watch, str(hostile)]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[:2] == ["[]", str(tmp_path)]
+    assert done.stderr == ""

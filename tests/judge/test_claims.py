@@ -9,7 +9,7 @@ import time
 import networkx as nx
 import pytest
 from in_process import collected, formnet
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure  # noqa: TID251
 from verdicts import made
 
 from formnet.agent.law import accepts

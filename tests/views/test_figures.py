@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection  # noqa: TID251
 
 from formnet.formation.records.events import Kill, Lost
 from formnet.formation.records.outcome import Outcome

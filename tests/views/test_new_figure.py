@@ -1,7 +1,7 @@
 """A new figure is one module: it is drawn, saved and in the page."""
 
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure  # noqa: TID251
 
 from formnet.formation.briefing.resolving import resolve
 from formnet.formation.scenario.loading import load
