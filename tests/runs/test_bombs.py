@@ -124,3 +124,24 @@ def test_a_time_is_written_as_ours_are(bad, tmp_path, mark):
     assert code == 2
     assert "line 1: wall: " in said
     assert not (tmp_path / "csv").exists()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("size", [1e90, 1.7e308])
+def test_states_as_large_as_numbers_are_end_no_figure_but_their_own(bad, tmp_path, size):
+    table = pq.read_table(bad / "states.parquet")
+    row = np.arange(len(table))
+    for place, name in enumerate(table.column_names[2:], start=2):
+        values = pa.array(np.where(row % 2, size, -size))
+        table = table.set_column(place, table.schema.field(name), values)
+    pq.write_table(table, bad / "states.parquet")
+    code, said = formnet("plot", bad, "--out", tmp_path / "figures")
+    assert code == 0, said
+    drawn = {path.stem for path in (tmp_path / "figures").glob("*.png")}
+    assert {"graph", "errors", "delays"} <= drawn
+    if size > 1e100:
+        assert "without: thumbnail, paths (states or places beyond 1e+100)" in said
+    else:
+        assert "without" not in said
+        assert {"thumbnail", "paths"} <= drawn
+    assert "Warning" not in said
