@@ -21,7 +21,7 @@ from formnet.netem.core.transit import FATES
 from formnet.netem.files.tables import nanoseconds
 
 MOST_ROWS = 4_000_000
-"""A table that is longer is not read: as Python's objects a row takes some 400 bytes of memory,
+"""A table that is longer is not read: as Python's objects a row takes some 500 bytes of memory,
 however little it takes in the file."""
 MOST_BYTES_OF_A_ROW, _MOST_BYTES_BESIDE = 200, 2**20
 _CODECS = {"SNAPPY", "UNCOMPRESSED"}

@@ -22,7 +22,6 @@ from formnet.lab.runs.recording import Recording, trajectory_sha256
 from formnet.lab.text.console import Console, escape
 from formnet.lab.text.problems import report_problems, say_slow
 from formnet.lab.text.progress import Waits
-from formnet.lab.verdict.files import FILE as VERDICT
 from formnet.lab.verdict.files import Unreadable, shown
 from formnet.lab.verdict.model import Verdict
 from formnet.lab.verdict.recorded import Recorded, read_whole
@@ -155,8 +154,8 @@ def _check_end(recorded: Recorded) -> None:
     end_ns, found_ns = scenario.ticks * scenario.clock.control_period_ns, recorded.now_ns()
     if verdict.outcome.kind == "completed" and found_ns != end_ns:
         raise Unreadable(
-            f"it completed by {VERDICT}, and states.parquet ends at t = {found_ns / 1e9:g} s, not "
-            f"at {end_ns / 1e9:g} s, where the scenario does"
+            f"it completed by verdict.json, and states.parquet ends at t = {found_ns / 1e9:g} s, "
+            f"not at {end_ns / 1e9:g} s, where the scenario does"
         )
 
 
