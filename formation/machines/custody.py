@@ -8,7 +8,11 @@ import os
 import stat
 from pathlib import Path
 
+from formnet.netem.files.regular import in_words
+
 AUTHORITY, AUTHORITY_KEY = "ca.pem", "ca-key.pem"
+MOST_BYTES = 2**16
+"""A certificate or a private key that is longer is none (ours have some 1000 bytes)."""
 
 
 class KeysError(ValueError):
@@ -46,10 +50,16 @@ def check_folder(folder: Path) -> None:
             )
 
 
-def check_file(path: Path, *, secret: bool, make: str = "make it with `formnet keys init`") -> None:
+def check_file(
+    path: Path,
+    *,
+    secret: bool,
+    make: str = "make it with `formnet keys init`",
+    most_bytes: int = MOST_BYTES,
+) -> None:
     """See that a file of keys is there and of its owner; a ``secret`` is for nobody else to read.
 
-    ``make`` is the remedy if it is not there.
+    It has ``most_bytes`` at most. ``make`` is the remedy if it is not there.
 
     Raises:
         KeysError: it is not so.
@@ -64,6 +74,8 @@ def check_file(path: Path, *, secret: bool, make: str = "make it with `formnet k
         raise KeysError(
             f"{path} is a link or no regular file", "put the file itself there, as a copy"
         )
+    if found.st_size > most_bytes:
+        raise KeysError(f"{path} is longer than {in_words(most_bytes)}", "copy it again")
     _check_owner(path, found)
     if not _has_owners():
         return

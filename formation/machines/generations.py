@@ -7,7 +7,7 @@ decides who is admitted (:mod:`formation.machines.custody`).
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +21,9 @@ _PARTY = "(plant|monitor|robot-[0-9]{1,18})"
 _MOST_BYTES = 2**24
 
 Name = Annotated[str, Field(pattern=f"^{_PARTY}$")]
-Generation = Annotated[int, Field(ge=1, le=10**9)]
+LAST = 10**9 - 1
+"""The greatest generation: a common name has room for nine digits of it."""
+Generation = Annotated[int, Field(ge=1, le=LAST)]
 
 
 def common_name(name: str, generation: int) -> str:
@@ -64,6 +66,7 @@ class Generations(Table):
             make="copy it from where ca-key.pem is; if it is not there either, an earlier version "
             f"made these keys, and `formnet keys renew {folder}` there makes new ones of the "
             "same authority",
+            most_bytes=_MOST_BYTES,
         )
         try:
             with path.open("rb") as stream:
@@ -80,8 +83,18 @@ class Generations(Table):
             return None
         return common_name(name, self.issued[name])
 
-    def reissued(self, names: Iterable[str]) -> "Generations":
-        """With the next generation of each of ``names``."""
+    def reissued(self, names: Collection[str]) -> "Generations":
+        """With the next generation of each of ``names``.
+
+        Raises:
+            KeysError: one of them has had the last that there is.
+        """
+        for name in names:
+            if self.issued.get(name, 0) >= LAST:
+                raise KeysError(
+                    f"{name} has had generation {LAST}, the last that there is",
+                    "make a new authority in another folder (`formnet keys init`)",
+                )
         new = {name: self.issued.get(name, 0) + 1 for name in names}
         left = [name for name in self.revoked if name not in new]
         return Generations(issued={**self.issued, **new}, revoked=left)

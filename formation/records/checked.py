@@ -114,7 +114,9 @@ def _reader(kind: Any) -> _Reader:
     if origin in (UnionType, Union):
         return _any_of([_reader(argument) for argument in arguments])
     if origin is tuple:
-        return _list_of([_reader(argument) for argument in arguments if argument is not ...])
+        if arguments[-1] is ...:
+            return _robots_of(_reader(arguments[0]))
+        return _entries_of([_reader(argument) for argument in arguments])
     if origin is dict:
         return _mapping_of(*map(_reader, arguments))
     if is_dataclass(kind):
@@ -208,21 +210,42 @@ def _any_of(inner: list[_Reader]) -> _Reader:
     return check
 
 
-def _list_of(inner: list[_Reader]) -> _Reader:
-    """With one reader a list of any length, and else one of just these."""
+def _robots_of(one: _Reader) -> _Reader:
+    """A list of robots, each once: no longer than the scenario's, where that is known."""
 
     def check(value: Any, place: str, robots: Robots) -> tuple[Any, ...]:
         if type(value) not in (list, tuple):
             raise Malformed.at(place, value, "must be a list")
-        if len(inner) > 1 and len(value) != len(inner):
-            raise Malformed.at(place, value, f"must have {len(inner)} entries")
-        readers = inner if len(inner) > 1 else inner * len(value)
-        return tuple(
-            one(item, f"{place}[{number}]", robots)
-            for number, (one, item) in enumerate(zip(readers, value, strict=True))
-        )
+        if robots is not None and len(value) > len(robots):
+            rule = f"must have at most {len(robots)} entries, as there are robots"
+            raise Malformed.at(place, f"{len(value)} entries", rule)
+        found = tuple(_entry(one, value, number, place, robots) for number in range(len(value)))
+        if len(set(found)) < len(found):
+            raise Malformed.at(place, value, "must name no robot twice")
+        return found
 
     return check
+
+
+def _entries_of(inner: list[_Reader]) -> _Reader:
+    """A list of just these."""
+
+    def check(value: Any, place: str, robots: Robots) -> tuple[Any, ...]:
+        if type(value) not in (list, tuple):
+            raise Malformed.at(place, value, "must be a list")
+        if len(value) != len(inner):
+            raise Malformed.at(place, value, f"must have {len(inner)} entries")
+        return tuple(_entry(one, value, number, place, robots) for number, one in enumerate(inner))
+
+    return check
+
+
+def _entry(one: _Reader, entries: Any, number: int, place: str, robots: Robots) -> Any:
+    """An entry of a list; its place is put into words only where it breaks a rule."""
+    try:
+        return one(entries[number], "", robots)
+    except Malformed:
+        return one(entries[number], f"{place}[{number}]", robots)
 
 
 def _mapping_of(of_key: _Reader, of_value: _Reader) -> _Reader:

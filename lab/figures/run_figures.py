@@ -38,27 +38,50 @@ from formnet.plant.world import RUNAWAY
 
 MOST_PLANNED = 30
 """How many entries of the plan the error figure spells out."""
+LARGEST = 1e100
+"""What is farther away or faster, matplotlib may be unable to draw: its square overflows."""
 
 
-def draw(recording: Collected, folder: Path, stopped: Callable[[], bool] = lambda: False) -> None:
+def draw(
+    recording: Collected, folder: Path, stopped: Callable[[], bool] = lambda: False
+) -> list[str]:
     """Write every figure as PNG and SVG into ``folder``, which is there, and ``thumbnail.png``.
 
-    Once ``stopped`` says so, those that are left are not drawn.
+    Once ``stopped`` says so, those that are left are not drawn. Returns the names of those that
+    cannot be drawn, as states or places are beyond LARGEST.
 
     Raises:
         OSError: a figure cannot be written.
     """
+    left_out = []
     for name, make in _figures(recording):
         if stopped():
+            break
+        try:
+            _draw_one(name, make, folder)
+        except (ValueError, ArithmeticError):
+            if not _immense(recording):
+                raise
+            left_out.append(name)
+    return left_out
+
+
+def _draw_one(name: str, make: Callable[[], Figure | None], folder: Path) -> None:
+    with plain_style(), np.errstate(all="ignore"):  # what runs away overflows
+        figure = make()
+        if figure is None:
             return
-        with plain_style():
-            figure = make()
-            if figure is None:
-                continue
-            if name == "thumbnail":
-                save(figure, folder, name, kinds=("png",), dpi=100)
-            else:
-                save(figure, folder, name)
+        if name == "thumbnail":
+            save(figure, folder, name, kinds=("png",), dpi=100)
+        else:
+            save(figure, folder, name)
+
+
+def _immense(recording: Collected) -> bool:
+    """Whether a state, or a robot's place in the pattern, is beyond LARGEST."""
+    states = recording.trajectories.states
+    immense = (np.isfinite(states) & (np.abs(states) > LARGEST)).any()
+    return bool(immense) or bool((np.abs(recording.scenario.offsets_m) > LARGEST).any())
 
 
 def _figures(recording: Collected) -> Iterator[tuple[str, Callable[[], Figure | None]]]:

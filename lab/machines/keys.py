@@ -17,6 +17,7 @@ from formnet.formation.machines.addresses import BadAddress, host
 from formnet.formation.machines.custody import (
     AUTHORITY,
     AUTHORITY_KEY,
+    MOST_BYTES,
     KeysError,
     check_folder,
 )
@@ -24,6 +25,7 @@ from formnet.formation.machines.generations import FILE, Generations, common_nam
 from formnet.formation.wire.security import MONITOR, PLANT, Credentials, robot_name
 from formnet.lab.machines.authority import LOCAL, Authority, Pair
 from formnet.lab.runs import files
+from formnet.netem.files.regular import read
 
 MOST_ROBOTS = 100_000
 _KEY_END = "-key.pem"
@@ -120,7 +122,7 @@ def make(folder: Path, robots: Sequence[int], hosts: Sequence[str], days: int) -
             files.write_new(folder / FILE, _text(counting), 0o644)
             written.append(folder / FILE)
         written += _written(folder, "ca", authority.pair)
-    counting = counting.reissued(wanted)
+    counting = _all_or(partial(counting.reissued, wanted))
     files.replace_all([(folder / FILE, _text(counting), 0o644)])
     for name in wanted:
         served = [*LOCAL, *hosts] if name == PLANT else []
@@ -161,7 +163,7 @@ def renew(
     issued = {name: max(before[name], counting.issued.get(name, 0)) for name in wanted}
     older = {name: number for name, number in issued.items() if number}
     counting = Generations(issued={**counting.issued, **older}, revoked=counting.revoked)
-    counting = counting.reissued(wanted)
+    counting = _all_or(partial(counting.reissued, wanted))
     new: list[tuple[Path, bytes, int]] = [(folder / FILE, _text(counting), 0o644)]
     found = {}
     for name in wanted:
@@ -239,7 +241,7 @@ def _unknown(folder: Path, names: Iterable[str], known: Iterable[str]) -> list[K
 def _generation(folder: Path, name: str) -> int:
     """Of the certificate that is there; 0 if there is none, or none that can be read."""
     try:
-        found = x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
+        found = x509.load_pem_x509_certificate(read(folder / f"{name}.pem", MOST_BYTES))
         common = found.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)[0].value
     except (OSError, ValueError, IndexError):
         return 0
@@ -251,7 +253,7 @@ def _served(folder: Path, hosts: Sequence[str]) -> list[str]:
     if hosts:
         return [*LOCAL, *hosts]
     try:
-        found = x509.load_pem_x509_certificate((folder / f"{PLANT}.pem").read_bytes())
+        found = x509.load_pem_x509_certificate(read(folder / f"{PLANT}.pem", MOST_BYTES))
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (OSError, ValueError, x509.ExtensionNotFound):
         problem = f"{folder / PLANT}.pem does not say where the plant may be reached"

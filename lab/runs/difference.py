@@ -5,6 +5,7 @@ from itertools import zip_longest
 from typing import Any, NamedTuple
 
 from formnet.formation.records.rows import LinkRow, Sample
+from formnet.formation.scenario.model import Scenario
 from formnet.lab.runs.recording import Collected
 from formnet.netem.settings.timeline import NEVER
 
@@ -66,6 +67,22 @@ def before(samples: Sequence[Sample], until_ns: int) -> Sequence[Sample]:
     return (
         samples if until_ns == NEVER else [sample for sample in samples if sample.t_ns < until_ns]
     )
+
+
+def without_gap(samples: Sequence[Sample], scenario: Scenario) -> tuple[int, int]:
+    """Up to where (ns) no sample is missing that a run in virtual time has, and when the next is.
+
+    A repetition goes no further than that: whatever duration a scenario gives, and whatever
+    instants a table has, it takes as long as what was recorded did.
+    """
+    clock = scenario.clock
+    period_ns = max(1, clock.broadcast_every) * clock.control_period_ns
+    last_ns = samples[0].t_ns
+    for sample in samples:
+        if sample.t_ns > last_ns + period_ns:
+            break
+        last_ns = sample.t_ns
+    return last_ns, last_ns + period_ns
 
 
 def first_difference(

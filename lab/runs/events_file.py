@@ -6,6 +6,7 @@ file may come from anybody.
 """
 
 import json
+import re
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -19,6 +20,10 @@ from formnet.lab.runs import files
 
 EVENTS = "events.jsonl"
 _MOST_S = 2**63 / 1e9
+_ISO_8601 = re.compile(
+    r"\d{4}-\d\d-\d\d(T\d\d:\d\d:\d\d(\.\d{3}(\d{3})?)?(Z|[+-]\d\d:\d\d)?)?", re.ASCII
+)
+"""As it is written; ``fromisoformat`` takes any character for the T."""
 LONGEST_LINE, MOST_LINES = 2**20, 50_000
 """A line that is longer, and what comes after so many, is not read."""
 
@@ -88,6 +93,8 @@ def parsed(line: bytes, robots: Robots = None) -> Line:
 
 
 def _is_time(text: str) -> bool:
+    if _ISO_8601.fullmatch(text) is None:
+        return False
     try:
         datetime.fromisoformat(text)
     except ValueError:

@@ -67,12 +67,12 @@ def forget(folder: Path, first: str) -> None:
 
 @contextmanager
 def filled(folder: Path, first: str) -> Iterator[Path]:
-    """:func:`fresh_folder`, to be filled here: after an OSError nothing of it is left."""
+    """:func:`fresh_folder`, to be filled here: if that fails, nothing of it is left."""
     there = folder.exists()
     fresh_folder(folder, first)
     try:
         yield folder
-    except OSError:
+    except BaseException:
         for file in folder.iterdir():
             with suppress(OSError):
                 file.unlink()

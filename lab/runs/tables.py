@@ -17,16 +17,21 @@ from formnet.formation.records.rows import LinkRow, Sample
 from formnet.formation.scenario.model import Scenario
 from formnet.lab.runs import files
 from formnet.lab.runs.recording import LINKS, LINKS_SCHEMA, STATES, STATES_SCHEMA
+from formnet.netem.core.transit import FATES
 from formnet.netem.files.tables import nanoseconds
 
-MOST_ROWS = 20_000_000
-"""A table that is longer is not read."""
+MOST_ROWS = 4_000_000
+"""A table that is longer is not read: as Python's objects a row takes some 500 bytes of memory,
+however little it takes in the file."""
 MOST_BYTES_OF_A_ROW, _MOST_BYTES_BESIDE = 200, 2**20
 _CODECS = {"SNAPPY", "UNCOMPRESSED"}
 """What is written (Snappy unpacks to some twenty times as much at most; Zstandard has no bound)."""
+_ENCODINGS = {"PLAIN", "RLE", "BIT_PACKED", "PLAIN_DICTIONARY", "RLE_DICTIONARY"}
+"""What is written (others hold any number of values in some bytes)."""
+_AT_ONCE = 2**16
+"""So many rows of a table are turned into Python's objects at once."""
 _MOST_IN_LIST, _MOST_IN_TEXT = 10_000, 2**20
 """Of the file's metadata: row groups and columns, and a text."""
-_LONGEST_FATE, _MOST_FATES = 40, 127
 _TWINS, _SPARE = 2, 10
 """A message can be duplicated once. Clocks in real time may add a few instants."""
 
@@ -114,20 +119,24 @@ def _check_metadata(
         raise ValueError(f"{name} has {found.num_rows} rows; at most {most_rows} are read")
     if size > found.num_rows * MOST_BYTES_OF_A_ROW + _MOST_BYTES_BESIDE:
         raise ValueError(f"{name} has {size} bytes for {found.num_rows} rows")
-    for column in names:
-        if types.names.count(column) != 1:
-            raise ValueError(f"{name} must have one column {column}")
-        if types.field(column).type != schema.field(column).type:
+    for wanted in names:
+        if types.names.count(wanted) != 1:
+            raise ValueError(f"{name} must have one column {wanted}")
+        if types.field(wanted).type != schema.field(wanted).type:
             raise ValueError(
-                f"{name}, column {column}: must be {schema.field(column).type}, "
-                f"not {str(types.field(column).type)[:60]}"
+                f"{name}, column {wanted}: must be {schema.field(wanted).type}, "
+                f"not {str(types.field(wanted).type)[:60]}"
             )
     for group in range(found.num_row_groups):
         row_group = found.row_group(group)
         for index in range(row_group.num_columns):
-            codec = row_group.column(index).compression
-            if codec not in _CODECS:
-                raise ValueError(f"{name} is compressed with {codec}; must be SNAPPY")
+            column = row_group.column(index)
+            if column.compression not in _CODECS:
+                raise ValueError(f"{name} is compressed with {column.compression}; must be SNAPPY")
+            if other := set(column.encodings) - _ENCODINGS:
+                raise ValueError(
+                    f"{name} is encoded as {min(other)}; must be PLAIN or a dictionary"
+                )
 
 
 def _no_nulls(table: pa.Table, name: str, columns: list[str]) -> None:
@@ -167,8 +176,8 @@ def _check_links(table: pa.Table, scenario: Scenario) -> None:
         raise ValueError(f"{LINKS}: t_usable_ns must be from 0 to 2^62")
     for piece in table.column("fate").chunks:
         words = piece.dictionary
-        if len(words) > _MOST_FATES or any(len(str(word)) > _LONGEST_FATE for word in words):
-            raise ValueError(f"{LINKS}: fates must be at most {_MOST_FATES} short words")
+        if len(words) > len(FATES) or not FATES.issuperset(words.to_pylist()):
+            raise ValueError(f"{LINKS}: fates must be of {', '.join(sorted(FATES))}")
 
 
 def _outside(values: Any, end: int) -> bool:
@@ -176,4 +185,5 @@ def _outside(values: Any, end: int) -> bool:
 
 
 def _rows(table: pa.Table) -> Iterator[tuple[Any, ...]]:
-    return zip(*(column.to_pylist() for column in table.columns), strict=True)
+    for piece in table.to_batches(_AT_ONCE):
+        yield from zip(*(column.to_pylist() for column in piece.columns), strict=True)

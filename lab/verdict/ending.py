@@ -7,7 +7,7 @@ from pydantic import Field
 from formnet.formation.records import events
 from formnet.formation.records.events import Event
 from formnet.formation.records.outcome import Outcome, OutcomeKind
-from formnet.lab.verdict.section import Instant, RobotId, Section
+from formnet.lab.verdict.section import Instant, Listed, RobotId, Section
 
 
 class Ending(Section):
@@ -41,9 +41,9 @@ class Lost(Section):
 class Participants(Section):
     """Which robots the verdict is about."""
 
-    judged: list[RobotId] = Field(description="Those up at the end: Eqs. 3-5 are about them.")
-    down_at_the_end: list[RobotId] = Field(description="All others.")
-    lost: list[Lost] = Field(description="Those lost although no fault was planned.")
+    judged: Listed[RobotId] = Field(description="Those up at the end: Eqs. 3-5 are about them.")
+    down_at_the_end: Listed[RobotId] = Field(description="All others.")
+    lost: Listed[Lost] = Field(description="Those lost although no fault was planned.")
 
 
 def ending(outcome: Outcome) -> Ending:

@@ -12,12 +12,16 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import from_json
 
+from formnet.formation.scenario.graph import MOST_EDGES
+from formnet.formation.scenario.model import MOST_ROBOTS
 from formnet.lab.runs import files
 from formnet.lab.verdict.model import FORMAT, Verdict
 from formnet.netem.files.printable import printable
 from formnet.netem.files.problems import problems
 
 FILE = "verdict.json"
+MOST_KEYS, MOST_ITEMS = MOST_ROBOTS, 2 * MOST_EDGES
+"""Of an object (timing by robot is the longest) and of a list (both directions of every edge)."""
 _SHOWN = 3
 """How many of a file's problems are named."""
 
@@ -49,20 +53,18 @@ def read(folder: Path) -> Verdict:
         raise Unreadable(f"has no {FILE}") from None
     except OSError as error:
         raise Unreadable(f"{FILE} cannot be read: {error.strerror}") from None
-    try:
-        return Verdict.model_validate_json(content)
-    except ValidationError:
-        return _converted(content)
+    return _verdict(content)
 
 
-def _converted(content: bytes) -> Verdict:
-    """A verdict of another format; else what is wrong with it."""
+def _verdict(content: bytes) -> Verdict:
+    """The verdict of a file that says this. Raises Unreadable."""
     try:
         data = from_json(content, allow_inf_nan=False)
     except ValueError as error:
         raise Unreadable(f"{FILE} is not a verdict: not JSON: {error}") from None
     if not isinstance(data, dict):
         raise Unreadable(f"{FILE} is not a verdict: must be an object")
+    _check_lengths(data)
     number = data.get("format", 1)
     if type(number) is not int or not 1 <= number <= FORMAT:
         raise Unreadable(
@@ -80,6 +82,22 @@ def _converted(content: bytes) -> Verdict:
             + "; ".join(shown(str(problem), 200) for problem in found)
             + (f"; and {more} more" if more else "")
         ) from None
+
+
+def _check_lengths(data: dict[str, Any]) -> None:
+    """Raises Unreadable: there is a list or an object that no run has, each item of which may be
+    wrong."""
+    left: list[Any] = [data]
+    while left:
+        some = left.pop()
+        if isinstance(some, dict):
+            if len(some) > MOST_KEYS:
+                raise Unreadable(f"{FILE} has an object of {len(some)} keys; at most {MOST_KEYS}")
+            left.extend(some.values())
+        elif isinstance(some, list):
+            if len(some) > MOST_ITEMS:
+                raise Unreadable(f"{FILE} has a list of {len(some)} items; at most {MOST_ITEMS}")
+            left.extend(some)
 
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:

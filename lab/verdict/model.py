@@ -13,7 +13,7 @@ from formnet.lab.verdict.claims import Claims, Judgement, claims
 from formnet.lab.verdict.ending import Ending, Participants, ending, participants
 from formnet.lab.verdict.motion import Motion, motion
 from formnet.lab.verdict.realtime import Timing, timing
-from formnet.lab.verdict.section import Instant, PositiveCount, Section, finite
+from formnet.lab.verdict.section import Instant, Listed, PositiveCount, Section, finite
 from formnet.lab.verdict.stability import Stability, stability
 from formnet.lab.verdict.traffic import LinkTraffic, Messages, links, messages
 
@@ -49,7 +49,7 @@ class Verdict(Section):
     seed: int = Field(description="The scenario's seed.")
     outcome: Ending = Field(description="How the run ended.")
     robots: Participants = Field(description="Which robots the verdict is about.")
-    warnings: list[str] = Field(description="What was warned of before the run.")
+    warnings: Listed[str] = Field(description="What was warned of before the run.")
     theorem: int | None = Field(
         description="The theorem of the paper that the scenario falls under, if any."
     )
@@ -82,7 +82,7 @@ class Verdict(Section):
         "they change."
     )
     messages: Messages = Field(description="The messages of all links together.")
-    links: list[LinkTraffic] = Field(description="Each direction of each link.")
+    links: Listed[LinkTraffic] = Field(description="Each direction of each link.")
     simulated_s: Instant = Field(description="The virtual time that was simulated.")
     wall_s: float = Field(description="The wall time from the first tick to the last.")
     realtime_factor: float | None = Field(description="`simulated_s` by `wall_s`.")

@@ -5,14 +5,14 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from formnet.formation.records.events import Extremes, event
-from formnet.lab.verdict.section import Instant, RobotId, Section
+from formnet.lab.verdict.section import Instant, Listed, RobotId, Section
 
 
 class Closest(Section):
     """The smallest distance between two robots."""
 
     distance_m: float = Field(description="The distance.")
-    robots: Annotated[list[RobotId], Field(min_length=2, max_length=2)] = Field(
+    robots: Annotated[Listed[RobotId], Field(min_length=2, max_length=2)] = Field(
         description="Between which two."
     )
     t_s: Instant = Field(description="When.")

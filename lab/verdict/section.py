@@ -5,15 +5,18 @@ not fail, so times and counts are bounded here.
 """
 
 from math import isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 Instant = Annotated[float, Field(ge=0.0, le=1e10)]
 """Seconds since the start of a run; as nanoseconds it fits into 64 bits."""
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 PositiveCount = Annotated[int, Field(ge=1, lt=2**63)]
 RobotId = Annotated[int, Field(ge=0, lt=2**31)]
+Item = TypeVar("Item")
+Listed = Annotated[list[Item], FailFast()]
+"""A list of which the first wrong item alone is named: all could be wrong."""
 
 
 class Section(BaseModel):

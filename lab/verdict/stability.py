@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from formnet.lab.verdict.section import Section, finite
+from formnet.lab.verdict.section import Listed, Section, finite
 
 if TYPE_CHECKING:
     from formnet.lab.judge.lyapunov import Curve
@@ -18,7 +18,7 @@ class RiseOfV(Section):
     end_s: float = Field(description="To when.")
     gain: float | None = Field(description="What V gained beyond its budget.")
     relative_gain: float | None = Field(description="That, by V at the beginning.")
-    causes: list[str] = Field(description="What may have made it rise.")
+    causes: Listed[str] = Field(description="What may have made it rise.")
 
 
 class Falling(Section):
@@ -33,10 +33,10 @@ class Falling(Section):
         description="What sampling, rounding and the robust term may have added to it in the whole "
         "run."
     )
-    may_rise_by: list[str] = Field(
+    may_rise_by: Listed[str] = Field(
         description="What in the scenario lets it rise at any time, against the theorems."
     )
-    rises: list[RiseOfV] = Field(description="Every rise, in the order of time.")
+    rises: Listed[RiseOfV] = Field(description="Every rise, in the order of time.")
 
     @property
     def discriminates(self) -> bool:

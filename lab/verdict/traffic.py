@@ -8,7 +8,7 @@ from pydantic import Field
 from formnet.formation.records import events as kinds
 from formnet.formation.records.events import Event
 from formnet.formation.records.rows import LinkRow
-from formnet.lab.verdict.section import Count, PositiveCount, RobotId, Section
+from formnet.lab.verdict.section import Count, Listed, PositiveCount, RobotId, Section
 
 Process = RobotId | Literal["plant"]
 
@@ -45,9 +45,9 @@ class Messages(Section):
     fates: dict[str, PositiveCount] = Field(
         description="How many copies were delivered, in flight at the end, or lost, by cause."
     )
-    rejected: list[Rejected] = Field(description="What receivers refused.")
-    refused: list[Refused] = Field(description="What the hub's access control denied.")
-    disconnected: list[Disconnected] = Field(
+    rejected: Listed[Rejected] = Field(description="What receivers refused.")
+    refused: Listed[Refused] = Field(description="What the hub's access control denied.")
+    disconnected: Listed[Disconnected] = Field(
         default=[], description="Whose connections the hub closed; older files lack it."
     )
 

@@ -16,7 +16,7 @@ from formnet.lab.forecast.foresight import obstacle
 from formnet.lab.launch.engine import EngineName, engine
 from formnet.lab.launch.signals import stop_signals
 from formnet.lab.runs.borrowed import borrowed
-from formnet.lab.runs.difference import before, differences, other_extremes
+from formnet.lab.runs.difference import before, differences, other_extremes, without_gap
 from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, BROKEN, INTERRUPTED, ONE_FAILS
 from formnet.lab.runs.recording import Recording, trajectory_sha256
 from formnet.lab.text.console import Console, escape
@@ -24,7 +24,7 @@ from formnet.lab.text.problems import report_problems, say_slow
 from formnet.lab.text.progress import Waits
 from formnet.lab.verdict.files import Unreadable, shown
 from formnet.lab.verdict.model import Verdict
-from formnet.lab.verdict.recorded import read_whole
+from formnet.lab.verdict.recorded import Recorded, read_whole
 from formnet.netem.settings.timeline import NEVER
 
 
@@ -86,8 +86,10 @@ def _verify(
         raise Unreadable(
             "nothing to compare: no sample was recorded before something unplanned happened"
         )
+    _check_end(recorded)
+    last_ns, next_ns = without_gap(samples, recorded.scenario)
     console.print(
-        f"[dim]{escape(str(folder))}: {recorded.scenario.duration_s:g} s are repeated …[/]",
+        f"[dim]{escape(str(folder))}: {samples[-1].t_ns / 1e9:g} s are repeated …[/]",
         soft_wrap=True,
     )
     with TemporaryDirectory(prefix="formnet-verify-") as scratch:
@@ -100,11 +102,12 @@ def _verify(
             waits.take(record)
 
         repeating = engine(how, again.folder / "logs", law)
-        outcome = repeating.run(resolve(again.scenario), take, stopped, until_ns)
+        end_ns = min(until_ns, next_ns + 1)  # the next row is in no honest table
+        outcome = repeating.run(resolve(again.scenario), take, stopped, end_ns)
         again.close()
     if stopped():
         return INTERRUPTED
-    if again.now_ns() < samples[-1].t_ns:
+    if again.now_ns() < last_ns:
         console.print(
             f"[red]{escape(str(folder))}:[/] could not be repeated: {outcome.kind}, "
             + escape(outcome.reason),
@@ -142,6 +145,18 @@ def _verify(
     for line in [] if found.identical else judged.other_versions():
         console.print(f"  {escape(line)}", soft_wrap=True)
     return ONE_FAILS
+
+
+def _check_end(recorded: Recorded) -> None:
+    """See that a completed run was recorded to its end. Raises Unreadable."""
+    scenario, verdict = recorded.scenario, recorded.verdict
+    assert verdict is not None
+    end_ns, found_ns = scenario.ticks * scenario.clock.control_period_ns, recorded.now_ns()
+    if verdict.outcome.kind == "completed" and found_ns != end_ns:
+        raise Unreadable(
+            f"it completed by verdict.json, and states.parquet ends at t = {found_ns / 1e9:g} s, "
+            f"not at {end_ns / 1e9:g} s, where the scenario does"
+        )
 
 
 def _law_of(scenario: Scenario, named: str | None) -> LawFile | None:

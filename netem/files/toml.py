@@ -14,13 +14,21 @@ from formnet.netem.files.toml_clash import clash
 def read_toml(path: Path, *, follow: bool = True) -> dict[str, Any]:
     """The tables of a TOML file (UTF-8, with or without a byte order mark).
 
-    ``follow``: it may be a symbolic link, as one that the user named.
+    ``follow``: it may be a symbolic link, as one that the user named. Somebody else may have put
+    it there: nothing of the text that it leads to is in an error.
 
     Raises:
         ValueError: it cannot be read, is no TOML, or holds more than
             :mod:`netem.files.bounds` allows; the text says which, and on which line.
     """
-    return parse_toml(text_of(path, follow=follow))
+    text = text_of(path, follow=follow)
+    try:
+        return parse_toml(text)
+    except ValueError:
+        if not path.is_symlink():
+            raise
+    rule = "it is a symbolic link, and only of the file that it leads to it is shown why"
+    raise ValueError(f"not TOML that can be read ({rule})")
 
 
 def text_of(path: Path, *, follow: bool = True) -> str:

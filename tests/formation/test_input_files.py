@@ -403,6 +403,20 @@ def test_another_error_is_told_with_the_text_of_its_line(text, line):
     assert str(ours.value) == f"not TOML: {theirs.value}: {line!r}"
 
 
+@pytest.mark.parametrize(
+    "text", ["token hunter2", "hunter2 = 1\nhunter2 = 1", "hunter2" * 20 + " = 1"]
+)
+def test_of_what_a_link_leads_to_no_error_shows_a_line(tmp_path, text):
+    """``scenario.toml`` in a folder from elsewhere can lead to a file of one's own."""
+    (tmp_path / "mine").write_text(text)
+    (tmp_path / "scenario.toml").symlink_to(tmp_path / "mine")
+    with pytest.raises(ScenarioError, match="hunter2"):
+        load(tmp_path / "mine")
+    with pytest.raises(ScenarioError, match="it is a symbolic link") as raised:
+        load(tmp_path / "scenario.toml")
+    assert "hunter2" not in str(raised.value)
+
+
 @pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a = {b=" * 20_000])
 def test_toml_beyond_what_python_reads_is_no_crash(text):
     with pytest.raises(ValueError, match=r"^not TOML: "):

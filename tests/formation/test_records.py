@@ -61,7 +61,7 @@ def values(kind):
     if origin is dict:
         return st.dictionaries(*map(values, arguments), max_size=3)
     if origin is tuple and arguments[-1] is ...:
-        return st.lists(values(arguments[0]), max_size=3).map(tuple)
+        return st.lists(values(arguments[0]), max_size=3, unique=True).map(tuple)
     if origin is tuple:
         return st.tuples(*map(values, arguments))
     return st.one_of(*map(values, arguments))
@@ -224,6 +224,7 @@ def test_a_lost_robot_is_an_event_or_an_end():
 
 
 LINE = {"t_s": 0.5, "event": "lost", "robot": 3, "reason": "r", "tick": 7, "wall": "2026-01-31"}
+KILL = {"t_s": 0, "event": "kill", "wall": "2026-01-31"}
 DEEP = "[" * 100_000
 
 
@@ -240,6 +241,9 @@ DEEP = "[" * 100_000
         (LINE | {"t_s": 10**400}, "t_s: 100000"),
         (LINE | {"t_s": True}, "t_s: True: "),
         (LINE | {"wall": "yesterday"}, "wall: 'yesterday': must be a time such as "),
+        (LINE | {"wall": "2026-01-31\ud80012:00:00"}, "must be a time such as "),
+        (LINE | {"wall": "2026-01-31\x1b12:00:00"}, "must be a time such as "),
+        (LINE | {"wall": "2026-02-30T12:00:00Z"}, "must be a time such as "),
         (LINE | {"robot": 2}, "lost.robot: 2: no such robot (robots: 3, 1, 7)"),
         (LINE | {"robot": True}, "lost.robot: True: must be an integer of 64 bits"),
         (LINE | {"robot": 3.0}, "lost.robot: 3.0: must be an integer of 64 bits"),
@@ -251,6 +255,9 @@ DEEP = "[" * 100_000
         (LINE | {"t_ns": 1}, "lost: 't_ns': is none of robot, reason, tick"),
         (LINE | {"event": "completed"}, "outcome: 'tick': is none of robot, reason"),
         ({"t_s": 0, "event": "kill", "wall": "2026-01-31"}, "kill: {}: robots is missing"),
+        (KILL | {"robots": [1, 3, 1]}, "kill.robots: [1, 3, 1]: must name no robot twice"),
+        (KILL | {"robots": [1, 2]}, "kill.robots[1]: 2: no such robot"),
+        (KILL | {"robots": [1] * 340_000}, "'340000 entries': must have at most 3 entries"),
         ("[1]", "[1]: must be a table"),
         ("{", "b'{': is not JSON"),
         ("\xff", "is not JSON"),

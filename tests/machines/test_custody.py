@@ -6,7 +6,10 @@ import shutil
 import pytest
 from in_process import formnet
 
+from formnet.formation.machines.custody import KeysError
+from formnet.formation.wire.security import Credentials
 from formnet.lab.machines import authority, keys
+from formnet.lab.machines.keys import Unusable
 from formnet.lab.scenarios.packaged import CONFIGS
 
 OTHER_USER = 12345
@@ -210,3 +213,25 @@ def test_a_link_where_a_key_is_to_be_written_is_not_followed(tmp_path):
         assert (tmp_path / "precious").read_text() == "precious"
         assert [path.name for path in place.iterdir()] == [name]
         (place / name).unlink()
+
+
+@pytest.mark.parametrize("name", ["ca.pem", "ca-key.pem", "robot-1.pem", "robot-1-key.pem"])
+def test_a_key_or_certificate_that_is_long_is_not_read(folder, name):
+    """Sparse files, which take no room: reading one took eight gigabytes of memory."""
+    with (folder / name).open("ab") as file:
+        file.truncate(2**40)
+    with pytest.raises(KeysError, match=f"{name} is longer than 65536 bytes"):
+        Credentials(folder, "robot-1")
+    if name.startswith("ca"):
+        with pytest.raises(Unusable, match=f"{name} is longer than 65536 bytes"):
+            keys.renew(folder, ["robot-1"], [], 1)
+    else:
+        keys.renew(folder, ["robot-1"], [], 1)
+        assert Credentials(folder, "robot-1").generations().issued["robot-1"] == 2
+
+
+def test_a_plant_s_certificate_that_is_long_says_nothing_of_where_it_is(folder):
+    with (folder / "plant.pem").open("ab") as file:
+        file.truncate(2**40)
+    with pytest.raises(Unusable, match="does not say where the plant may be reached"):
+        keys.renew(folder, ["plant"], [], 1)

@@ -323,3 +323,21 @@ def test_certificates_live_for_30_days_unless_it_is_said(tmp_path):
         found = x509.load_pem_x509_certificate((place / "robot-1.pem").read_bytes())
         left = found.not_valid_after_utc - datetime.now(UTC)
         assert timedelta(days=days - 1) < left <= timedelta(days=days)
+
+
+@pytest.mark.parametrize("generation", [10**9 - 2, 10**9 - 1, 10**9])
+def test_after_the_last_generation_there_is_none(folder, generation):
+    file = folder / "generations.json"
+    counting = json.loads(file.read_text())
+    counting["issued"]["robot-1"] = generation
+    file.write_text(json.dumps(counting))
+    before = contents(folder)
+    code, said = formnet("keys", "renew", folder, "robot-1")
+    if generation == 10**9 - 2:
+        assert code == 0, said
+        Credentials(folder, "robot-1")
+        return
+    assert code == 2
+    last = "robot-1 has had generation 999999999, the last that there is: make a new authority"
+    assert (last if generation < 10**9 else "generations.json cannot be read") in said
+    assert contents(folder) == before

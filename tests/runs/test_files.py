@@ -13,6 +13,7 @@ from processes import missing
 
 from formnet.lab.cli import main
 from formnet.lab.runs import files
+from formnet.lab.runs.folders import filled
 from formnet.lab.schemas.scenario import FILE
 from formnet.lab.work.export import write_mcap
 
@@ -278,3 +279,19 @@ def test_on_a_full_disk_nothing_is_left_behind(here):
         assert [path.read_text() for path in disk.iterdir()] == ["old"]
     finally:
         subprocess.run(["umount", disk], check=True)
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("error", [OSError, ValueError, KeyboardInterrupt])
+def test_of_a_folder_that_could_not_be_filled_nothing_is_left(tmp_path, there, error):
+    if there:
+        (tmp_path / "out").mkdir()
+
+    def fails():
+        with filled(tmp_path / "out", "first") as folder:
+            (folder / "second").write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fails()
+    assert list(tmp_path.rglob("*")) == [tmp_path / "out"] * there

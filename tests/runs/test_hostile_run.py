@@ -10,19 +10,9 @@ import pytest
 from in_process import formnet
 
 from formnet.lab.runs import files
-from formnet.lab.scenarios.packaged import CONFIGS
 
 FILES = ("scenario.toml", "verdict.json", "events.jsonl", "states.parquet", "links.parquet")
 READERS = (["report"], ["verify"], ["export", "--format", "csv"], ["compare"])
-
-
-@pytest.fixture(scope="module")
-def good(tmp_path_factory):
-    out = tmp_path_factory.mktemp("hostile") / "good"
-    words = ("--inline", "--no-scene", "--no-figures", "--no-lookahead", "--set", "duration_s=0.2")
-    assert formnet("run", CONFIGS / "paper" / "section5.toml", *words, "--out", out)[0] == 1
-    (out / "figures").mkdir()  # so that nobody draws them
-    return out
 
 
 def pipe(path):

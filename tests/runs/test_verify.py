@@ -143,6 +143,46 @@ def test_a_run_that_fails_again_as_it_did_is_identical_and_else_it_could_not_be_
     assert formnet("verify", copy)[0] == 0
 
 
+def test_a_run_that_is_said_to_have_gone_on_is_not_repeated(copy):
+    """The scenario of a run of 0.5 s, changed to 1e9 s, was repeated for years."""
+    text = (copy / "scenario.toml").read_text()
+    (copy / "scenario.toml").write_text(text.replace("duration_s = 0.5", "duration_s = 1e9"))
+    code, said = formnet("verify", copy)
+    assert code == 2
+    assert "states.parquet ends at t = 0.5 s, not at 1e+09 s, where the scenario does" in said
+
+
+@pytest.mark.parametrize("kind", ["completed", "diverged", "interrupted"])
+@pytest.mark.parametrize("gap", [False, True])
+def test_no_more_is_repeated_than_was_recorded(copy, monkeypatch, kind, gap):
+    """Whatever the scenario, the verdict and a last row after a gap say of the end."""
+    asked_s = []
+
+    class Watched(Inline):
+        def run(self, plan, sink, stopped, until_ns):
+            asked_s.append(until_ns / 1e9)
+            return super().run(plan, sink, stopped, min(until_ns, 600_000_000))
+
+    monkeypatch.setattr(verify, "engine", lambda *_: Watched())
+    text = (copy / "scenario.toml").read_text()
+    (copy / "scenario.toml").write_text(text.replace("duration_s = 0.5", "duration_s = 1e6"))
+    judged = json.loads((copy / "verdict.json").read_text())
+    judged["outcome"] |= {"kind": kind, "t_s": 1e6}
+    (copy / "verdict.json").write_text(json.dumps(judged))
+    if gap:
+        for row in range(250, 255):
+            change(copy / "states.parquet", "t_ns", row, 10**15)
+    code, said = formnet("verify", copy)
+    if kind == "completed" and not gap:
+        assert code == 2
+        assert asked_s == []
+        return
+    assert code == 1
+    assert asked_s == [pytest.approx(0.5 if gap else 0.51)]
+    missing = 0.5 if gap else 0.51
+    assert f"first at t = {missing:g} s (tick {1000 * missing:g}), robot 1, the whole row" in said
+
+
 def test_a_run_of_which_nothing_can_be_compared_is_not_identical(copy):
     judged = json.loads((copy / "verdict.json").read_text())
     judged["outcome"] |= {"kind": "lost", "t_s": 0.0}

@@ -38,7 +38,7 @@ def plot_run(folder: Path, out: Path | None) -> int:
             raise Unreadable("; ".join(["nothing to draw", *run.problems]))
         place = out or files.subfolder(folder, "figures", made=True)
         with nullcontext() if out is None else filled(out, "graph.png"):
-            figures.draw(run, place)
+            left_out = figures.draw(run, place)
     except ScenarioError as error:
         report_problems(console, error)
         return BAD_INPUT
@@ -48,6 +48,9 @@ def plot_run(folder: Path, out: Path | None) -> int:
     except OSError as error:
         console.print(f"[red]not drawn:[/] {escape(in_words(error))}", soft_wrap=True)
         return code_of(error)
+    if left_out:
+        beyond = f"{', '.join(left_out)} (states or places beyond {figures.LARGEST:g})"
+        console.print(f"[yellow]without:[/] {beyond}", soft_wrap=True)
     for problem in run.problems:
         console.print(f"[yellow]without:[/] {escape(problem)}", soft_wrap=True)
     console.print(f"results are in {escape(str(place))}", soft_wrap=True)
