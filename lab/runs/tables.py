@@ -122,11 +122,9 @@ def _check_metadata(
     for wanted in names:
         if types.names.count(wanted) != 1:
             raise ValueError(f"{name} must have one column {wanted}")
-        if types.field(wanted).type != schema.field(wanted).type:
-            raise ValueError(
-                f"{name}, column {wanted}: must be {schema.field(wanted).type}, "
-                f"not {str(types.field(wanted).type)[:60]}"
-            )
+        must, is_ = (_with_any_index(some.field(wanted).type) for some in (schema, types))
+        if must != is_:
+            raise ValueError(f"{name}, column {wanted}: must be {must}, not {str(is_)[:60]}")
     for group in range(found.num_row_groups):
         row_group = found.row_group(group)
         for index in range(row_group.num_columns):
@@ -137,6 +135,13 @@ def _check_metadata(
                 raise ValueError(
                     f"{name} is encoded as {min(other)}; must be PLAIN or a dictionary"
                 )
+
+
+def _with_any_index(type_: pa.DataType) -> pa.DataType:
+    """The type of a column; of a dictionary's indices each version of Arrow has its own."""
+    if not pa.types.is_dictionary(type_):
+        return type_
+    return pa.dictionary(pa.int32(), type_.value_type, type_.ordered)
 
 
 def _no_nulls(table: pa.Table, name: str, columns: list[str]) -> None:

@@ -263,6 +263,25 @@ def test_a_table_that_is_another_is_named(good, tmp_path, case):
 
 
 @pytest.mark.parametrize(
+    ("fates", "code"),
+    [
+        (pa.dictionary(pa.int32(), pa.string()), 0),  # as Arrow 18 reads what it wrote as int8
+        (pa.string(), 2),
+    ],
+    ids=str,
+)
+def test_a_column_of_words_is_a_dictionary_with_any_kind_of_index(good, tmp_path, fates, code):
+    other = shutil.copytree(good, tmp_path / "other")
+    table = pq.read_table(other / "links.parquet")
+    number = table.column_names.index("fate")
+    words = pa.chunked_array([table["fate"].combine_chunks().cast(pa.string()).cast(fates)])
+    pq.write_table(table.set_column(number, "fate", words), other / "links.parquet")
+    found, said = formnet("verify", other)
+    assert found == code, said
+    assert ("column fate: must be dictionary" in said) == (code == 2)
+
+
+@pytest.mark.parametrize(
     ("lines", "words"),
     [
         (b'{"a": "' + b"x" * 2**20 + b'"}\n', "line 1: is longer than 1048576 bytes"),
