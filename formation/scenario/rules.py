@@ -1,6 +1,7 @@
 """The rules between a scenario's values: what refers to what, and what must fit together."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 from formnet.formation.plan.fault import FaultAction, FaultError, spans_of
@@ -13,6 +14,9 @@ from formnet.netem.files.problems import Problem
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.links import SettingError
 from formnet.netem.settings.timeline import NEVER
+
+_FEW = 10
+"""So many ids of robots are named where one is unknown."""
 
 MOST_ITEMS = {
     ("robots",): MOST_ROBOTS,
@@ -76,14 +80,11 @@ def _check_size(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
+    known = scenario.vehicles
     for host in scenario.hosts.hosts if scenario.hosts is not None else ():
         for robot in host.robots:
-            if robot not in scenario.ids:
-                yield Problem(
-                    f"hosts.{host.name}.robots",
-                    str(robot),
-                    f"robot {robot} does not exist (robots: {', '.join(map(str, scenario.ids))})",
-                )
+            if robot not in known:
+                yield Problem(f"hosts.{host.name}.robots", str(robot), _no_such_robot(robot, known))
 
 
 def _check_clock(scenario: Scenario) -> Iterator[Problem]:
@@ -244,7 +245,11 @@ def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> It
     known = scenario.vehicles
     for robot in dict.fromkeys(robots):
         if robot not in known:
-            ids = sorted(known)
-            yield Problem(
-                place, None, f"robot {robot} does not exist (robots: {', '.join(map(str, ids))})"
-            )
+            yield Problem(place, None, _no_such_robot(robot, known))
+
+
+def _no_such_robot(robot: int, known: Collection[int]) -> str:
+    """That a robot does not exist, and the first of those that do, in the order of the file."""
+    few = ", ".join(map(str, islice(known, _FEW)))
+    more = ", …" if len(known) > _FEW else ""
+    return f"robot {robot} does not exist (robots: {few}{more})"
