@@ -9,7 +9,7 @@ from formnet.formation.plan.selectors import named
 from formnet.formation.scenario.clock import Clock
 from formnet.formation.scenario.graph import MOST_EDGES
 from formnet.formation.scenario.model import MOST_ROBOTS, Scenario
-from formnet.formation.scenario.network import MOST_ENTRIES
+from formnet.formation.scenario.network import MOST_ENTRIES, MOST_VARIANTS, BadRule, TooManyVariants
 from formnet.netem.files.problems import Problem
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.links import SettingError
@@ -182,16 +182,16 @@ def _check_selectors(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_links(scenario: Scenario) -> Iterator[Problem]:
-    for source, destination in scenario.directed_links:
-        settings = scenario.network.default
-        for index, rule in enumerate(scenario.network.links):
-            if not rule.covers(source, destination):
-                continue
-            try:
-                settings = settings.changed(rule.values())
-            except SettingError as error:
-                yield _on_link(f"network.links[{index}]", error.problem, source, destination)
-                return
+    for link in scenario.directed_links:
+        try:
+            scenario.link_settings(*link)
+        except BadRule as bad:
+            yield _on_link(f"network.links[{bad.index}]", bad.error.problem, *link)
+            return
+        except TooManyVariants:
+            rule = f"links differ in more than {MOST_VARIANTS} ways, counted rule by rule"
+            yield Problem("network.links", f"{len(scenario.network.links)} entries", rule)
+            return
 
 
 def _check_faults(scenario: Scenario) -> Iterator[Problem]:
@@ -209,21 +209,24 @@ def _check_faults(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
-    links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
-    for index, entry in links:
-        if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
+    effects, variants = scenario.effects, scenario.network.variants
+    about = {link: effects.entries(*link) for link in scenario.directed_links}
+    touched = {number for entries in set(about.values()) for number in entries}
+    for index, entry in enumerate(scenario.timeline):
+        if not isinstance(entry, FaultAction) and index not in touched:
             yield Problem(f"timeline[{index}]", None, "applies to no link of formation.edges")
-    for source, destination in scenario.directed_links:
+    done = set()  # links with the same settings to which the same is done are alike
+    for (source, destination), entries in about.items():
+        alike = (variants.number(source, destination), entries)
+        if not entries or alike in done:
+            continue
+        done.add(alike)
         timeline = scenario.timeline_of(source, destination)
         try:
             while timeline.next_ns < NEVER:
                 timeline.advance(timeline.next_ns)
         except SettingError as error:
-            index = next(
-                k
-                for k, entry in links
-                if entry.effect(source, destination, scenario.ids) == error.cause
-            )
+            index = next(k for k in entries if effects.of_entry(k)[0][1] == error.cause)
             yield _on_link(f"timeline[{index}]", error.problem, source, destination)
             return
 

@@ -4,8 +4,15 @@ import difflib
 
 import pytest
 
+from formnet.formation.briefing.resolving import resolve
+from formnet.formation.paper import graph
+from formnet.formation.paper.theory import assess
+from formnet.formation.plan.partition import PartitionAction
+from formnet.formation.plan.reach import Named
+from formnet.formation.scenario import model, network
 from formnet.formation.scenario.loading import ScenarioError, loads
 from formnet.netem.files.problems import MOST_SHOWN
+from formnet.netem.settings.links import LinkSettings
 
 HEAD = 'name = "x"\nduration_s = 0.01\n'
 
@@ -77,3 +84,95 @@ def test_of_many_edges_to_missing_robots_the_first_are_told_and_few_ids_with_eac
         "formation.edges[0]: robot 500 does not exist (robots: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, …)"
     )
     assert last == "and 1,980 more problems"
+
+
+# --- many links --------------------------------------------------------------------------
+
+
+def looked_at(text: str) -> None:
+    """All that is done with a scenario before it is run."""
+    scenario = loads(text)
+    assess(scenario)
+    resolve(scenario)
+    assert scenario.plan is not None
+
+
+def test_the_settings_of_links_are_worked_out_once_for_all_that_share_them(counted):
+    """They were for each link and rule, several times each."""
+    rule = '[[network.links]]\nfrom = "*"\nto = "*"\ndelay = {{ distribution = "{}", {} }}\n'
+    rules = rule.format("normal", "mean_s = 0.1, stddev_s = 0.01") * 20
+    changes = counted(LinkSettings, "changed")
+    looked_at(HEAD + edges(complete(20)) + rules + robots(20))
+    assert len(changes) == 20
+
+
+def test_links_that_differ_in_too_many_ways_are_refused(monkeypatch):
+    monkeypatch.setattr(network, "MOST_VARIANTS", 100)
+    monkeypatch.setattr("formnet.formation.scenario.rules.MOST_VARIANTS", 100)
+    rules = "".join(
+        f"[[network.links]]\nfrom = {k}\nto = '*'\nboth_ways = true\nplayout_s = 0.{k:02}\n"
+        for k in range(1, 20)
+    )
+    with pytest.raises(ScenarioError, match="links differ in more than 100 ways"):
+        loads(HEAD + edges(complete(20)) + rules + robots(20))
+
+
+def test_the_timeline_is_worked_out_once_an_entry(counted):
+    """A dictionary of all robots was made for each link and entry."""
+    reaches = counted(PartitionAction, "reach")
+    effects = counted(PartitionAction, "effect")
+    entry = "[[timeline]]\naction = 'partition'\nat_s = 0.001\nshape = 'halves'\n"
+    looked_at(HEAD + edges(complete(20)) + entry * 9 + robots(20))
+    assert len(reaches) <= 2 * 9  # for the links, and for the words of the plan
+    assert len(effects) == 9
+
+
+def test_a_link_is_found_among_many_pairs_without_trying_them():
+    """100,000 pairs were tried on each of 80,000 links."""
+
+    class Pairs(list):
+        begun = 0
+
+        def __iter__(self):
+            self.begun += 1
+            return super().__iter__()
+
+    pairs = Pairs([(0, 0)] * 1000 + [("*", [3, 4]), ([5, 6], "*"), (1, [2, 2])])
+    named = Named(pairs, both_ways=False)
+    found = {(a, b) for a in range(8) for b in range(8) if named.covers(a, b)}
+    assert found == {
+        (a, b)
+        for a in range(8)
+        for b in range(8)
+        if b in (3, 4) or a in (5, 6) or (a, b) in ((0, 0), (1, 2))
+    }
+    both = Named(pairs, both_ways=True)
+    assert {(a, b) for a in range(8) for b in range(8) if both.covers(a, b)} == {
+        *found,
+        *((b, a) for a, b in found),
+    }
+    assert pairs.begun == 2
+
+
+def test_the_ids_and_links_of_a_scenario_are_listed_once():
+    """The list of all robots was made anew for each link."""
+    scenario = loads(HEAD + edges(complete(9)) + robots(9))
+    assert scenario.ids is scenario.ids
+    assert scenario.directed_links is scenario.directed_links
+
+
+def test_when_robots_are_down_is_worked_out_once(counted):
+    spans = counted(model, "spans_of")
+    entry = "[[timeline]]\nat_s = 0.00{}\naction = 'kill'\nrobots = '*'\nrestart_after_s = 0.001\n"
+    looked_at(HEAD + edges(complete(9)) + "".join(map(entry.format, (1, 4, 7))) + robots(9))
+    assert len(spans) == 1
+
+
+def test_the_eigenvalues_of_a_matrix_are_computed_once(counted):
+    """Each took seconds for 1000 robots, and was asked for four times or more."""
+    graph._spectrum.cache_clear()
+    computed = counted(graph.np.linalg, "eigvalsh")
+    text = HEAD + edges(complete(11)) + robots(11)
+    looked_at(text)
+    looked_at(text)
+    assert len(computed) == 1
