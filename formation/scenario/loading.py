@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from formnet.formation.formats.migration import FormatError, migrate
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.scenario.rules import broken_rules, too_long
+from formnet.netem.files.from_file import Reading
 from formnet.netem.files.overrides import OverrideError, Values, assign
 from formnet.netem.files.problems import (
     MOST_SHOWN,
@@ -185,7 +186,7 @@ def _validate(
     more is wrong than is told.
     """
     try:
-        return Scenario.model_validate(data, context=context), []
+        return Scenario.model_validate(data, context=context | {"reading": Reading()}), []
     except ValidationError as error:
         found = [_with_id(data, problem) for problem in problems(Scenario, data, error)]
         if error.error_count() > MOST_SHOWN:
@@ -196,7 +197,7 @@ def _validate(
         for item in errors:
             _mend(data, item["loc"], missing=item["type"] == "missing")
         try:
-            return Scenario.model_validate(data, context=context), found
+            return Scenario.model_validate(data, context=context | {"reading": Reading()}), found
         except ValidationError as error:
             errors = error.errors(include_url=False)
     return None, found

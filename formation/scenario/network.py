@@ -109,7 +109,9 @@ class Variants:
             if len(self.settings) > MOST_VARIANTS:
                 raise TooManyVariants
             try:
-                self.settings.append(self.settings[number].changed(self._rules[index].values()))
+                self.settings.append(
+                    self.settings[number].changed(self._rules[index].values(plain=False))
+                )
             except SettingError as error:
                 raise BadRule(index, error) from None
             self._after[step] = len(self.settings) - 1

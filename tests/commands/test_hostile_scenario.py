@@ -11,7 +11,9 @@ from formnet.formation.plan.partition import PartitionAction
 from formnet.formation.plan.reach import Named
 from formnet.formation.scenario import model, network
 from formnet.formation.scenario.loading import ScenarioError, loads
+from formnet.netem.files import from_file
 from formnet.netem.files.problems import MOST_SHOWN
+from formnet.netem.settings.delays import TraceDelaySettings
 from formnet.netem.settings.links import LinkSettings
 
 HEAD = 'name = "x"\nduration_s = 0.01\n'
@@ -176,3 +178,47 @@ def test_the_eigenvalues_of_a_matrix_are_computed_once(counted):
     looked_at(text)
     looked_at(text)
     assert len(computed) == 1
+
+
+# --- files of numbers --------------------------------------------------------------------
+
+TRACE = "delay = { distribution = 'trace', file = 'trace.csv' }\n"
+
+
+def test_a_file_is_read_once_however_many_tables_name_it(tmp_path, counted):
+    (tmp_path / "trace.csv").write_text("0.0, 0.1\n1.0, 0.2\n")
+    reads = counted(from_file, "read_numbers")
+    rules = f"[[network.links]]\nfrom = 0\nto = 1\n{TRACE}" * 8
+    loads(HEAD + edges([[0, 1]]) + rules + robots(2), folder=tmp_path)
+    assert len(reads) == 1
+
+
+def test_a_broken_file_is_read_once_however_many_tables_name_it(tmp_path, counted):
+    (tmp_path / "trace.csv").write_text("0.0, none\n")
+    reads = counted(from_file, "read_numbers")
+    rules = f"[[network.links]]\nfrom = 0\nto = 1\n{TRACE}" * 8
+    with pytest.raises(ScenarioError, match="must be a number"):
+        loads(HEAD + edges([[0, 1]]) + rules + robots(2), folder=tmp_path)
+    assert len(reads) == 1
+
+
+def test_the_rows_that_tables_take_of_files_are_bounded_together(tmp_path, monkeypatch):
+    """Eight tables of one file of a million rows took the memory of the machine."""
+    monkeypatch.setattr(from_file, "MOST_ROWS", 15)
+    (tmp_path / "trace.csv").write_text("".join(f"{k}.0, 0.1\n" for k in range(4)))
+    rule = f"[[network.links]]\nfrom = 0\nto = 1\n{TRACE}"
+    text = HEAD + edges([[0, 1]]) + robots(2)
+    loads(text + rule * 3, folder=tmp_path)
+    with pytest.raises(ScenarioError, match=r"must take at most 15 rows together") as caught:
+        loads(text + rule * 4, folder=tmp_path)
+    assert [problem.place for problem in caught.value.problems] == ["network.links[3].delay.file"]
+
+
+def test_a_trace_is_checked_once_and_not_for_each_link(tmp_path, counted):
+    (tmp_path / "trace.csv").write_text("0.0, 0.1\n1.0, 0.2\n")
+    checks = counted(TraceDelaySettings, "check")
+    rule = f"[[network.links]]\nfrom = '*'\nto = '*'\n{TRACE}"
+    scenario = loads(HEAD + edges(complete(9)) + rule + robots(9), folder=tmp_path)
+    assess(scenario)
+    resolve(scenario)
+    assert len(checks) == 1
