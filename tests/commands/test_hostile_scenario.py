@@ -11,6 +11,7 @@ from formnet.formation.plan.partition import PartitionAction
 from formnet.formation.plan.reach import Named
 from formnet.formation.scenario import model, network
 from formnet.formation.scenario.loading import ScenarioError, loads
+from formnet.lab.forecast import stiffness
 from formnet.netem.files import from_file
 from formnet.netem.files.problems import MOST_SHOWN
 from formnet.netem.settings.delays import TraceDelaySettings
@@ -217,8 +218,10 @@ def test_the_rows_that_tables_take_of_files_are_bounded_together(tmp_path, monke
 def test_a_trace_is_checked_once_and_not_for_each_link(tmp_path, counted):
     (tmp_path / "trace.csv").write_text("0.0, 0.1\n1.0, 0.2\n")
     checks = counted(TraceDelaySettings, "check")
+    halves = counted(TraceDelaySettings, "quantile_s")
     rule = f"[[network.links]]\nfrom = '*'\nto = '*'\n{TRACE}"
     scenario = loads(HEAD + edges(complete(9)) + rule + robots(9), folder=tmp_path)
     assess(scenario)
     resolve(scenario)
-    assert len(checks) == 1
+    stiffness.course(scenario)
+    assert len(checks) == len(halves) == 1
