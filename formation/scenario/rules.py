@@ -253,6 +253,5 @@ def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> It
 
 def _no_such_robot(robot: int, known: Collection[int]) -> str:
     """That a robot does not exist, and the first of those that do, in the order of the file."""
-    few = ", ".join(map(str, islice(known, _FEW)))
-    more = ", …" if len(known) > _FEW else ""
-    return f"robot {robot} does not exist (robots: {few}{more})"
+    few = ", ".join(map(str, islice(known, _FEW))) + (", …" if len(known) > _FEW else "")
+    return f"robot {robot} does not exist (robots: {few})"
