@@ -1,6 +1,7 @@
 """The communication graph: Laplacian, connectivity, eigenvalues (Section 3.1 of the paper)."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,17 +74,28 @@ def delayed_form(
 
 def _eigenvalue(matrix: NDArray[np.float64], index: int) -> float:
     """An eigenvalue of a positive semidefinite matrix; what is rounding error only is 0."""
-    value = float(np.linalg.eigvalsh(matrix)[index])
+    value = _spectrum(len(matrix), matrix.tobytes())[index]
     noise = 1e-13 * len(matrix) * float(np.abs(matrix).max())
     return value if value > noise else 0.0
 
 
+@lru_cache(maxsize=4)
+def _spectrum(count: int, content: bytes) -> list[float]:
+    """All eigenvalues, ascending: the same matrix is asked for again and again."""
+    matrix = np.frombuffer(content).reshape(count, count)
+    return [float(value) for value in np.linalg.eigvalsh(matrix)]
+
+
 def components(robots: Sequence[int], edges: Sequence[tuple[int, int]]) -> list[list[int]]:
     """Connected components, each sorted, ordered by their smallest robot."""
-    group = {robot: {robot} for robot in robots}
+    group = {robot: [robot] for robot in robots}
     for first, second in edges:
-        if group[first] is not group[second]:
-            merged = group[first] | group[second]
-            for robot in merged:
-                group[robot] = merged
-    return [list(members) for members in sorted({tuple(sorted(g)) for g in group.values()})]
+        larger, smaller = group[first], group[second]
+        if larger is smaller:
+            continue
+        if len(larger) < len(smaller):
+            larger, smaller = smaller, larger
+        larger += smaller
+        for robot in smaller:
+            group[robot] = larger
+    return sorted(sorted(members) for members in {id(g): g for g in group.values()}.values())

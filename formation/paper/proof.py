@@ -41,9 +41,7 @@ def margin_of(scenario: Scenario, theorem: int) -> Margin:
     damping = [scenario.vehicles[robot].damping for robot in scenario.ids]
     weights = scenario.formation.weights
     if theorem in (5, 6):
-        delays_ns = {
-            link: scenario.link_settings(*link).constant_ns or 0 for link in scenario.directed_links
-        }
+        delays_ns = dict(scenario.of_links(lambda settings: settings.constant_ns or 0))
         matrix = delayed_form(scenario.ids, weights, delays_ns)
         name = "β λ_min(½(D − A D⁻¹ A) + diag μ)"
         if len({(source, delay) for (source, _), delay in delays_ns.items()}) > len(damping):

@@ -14,10 +14,10 @@ from formnet.formation.paper.graph import (
 )
 from formnet.formation.paper.proof import Margin, proof_of
 from formnet.formation.paper.status import NOT_COVERED, WITH_COMPENSATION, Status
-from formnet.formation.plan.timeline import effects
 from formnet.formation.scenario.expect import ERRORS
 from formnet.formation.scenario.model import Scenario
 from formnet.netem.settings.actions import Cut, Heal
+from formnet.netem.settings.links import LinkSettings
 
 LAWS = ("cooperative", "leader_follower")
 """The laws that the paper speaks of: that of its theorems, and the one Remark 9 holds beside it."""
@@ -133,7 +133,7 @@ def _uncovered(scenario: Scenario) -> list[str]:
         gaps.append(f"the theorems are about the cooperative law, not {law.kind!r}")
     if law.delta == "printed":
         gaps.append("with the sign of Δ printed in Eq. 19 the proofs fail")
-    delays = [scenario.link_settings(*link).constant_ns for link in scenario.directed_links]
+    delays = [delay_ns for _, delay_ns in scenario.of_links(_constant_ns)]
     damped = any(scenario.vehicles[robot].damping > 0.0 for robot in scenario.ids)
     if not damped and any(delays):
         gaps.append("with delays, Theorems 5 and 6 require some μ > 0")
@@ -176,7 +176,7 @@ def _split(scenario: Scenario) -> list[str]:
     instants = {some.tick * period_ns for some in roster.happenings()}
     changes: list[tuple[int, tuple[int, int], bool]] = []  # when, on which link, whether it cuts
     for link in scenario.directed_links:
-        for at_ns, action in effects(scenario.timeline, *link, scenario.ids):
+        for at_ns, action in scenario.effects.on(*link):
             if isinstance(action, Cut | Heal):
                 changes.append((at_ns, link, isinstance(action, Cut)))
                 instants.add(at_ns)
@@ -188,10 +188,10 @@ def _split(scenario: Scenario) -> list[str]:
             _, link, cuts = changes[done]
             (cut.add if cuts else cut.discard)(link)
             done += 1
-        up = [robot for robot in scenario.ids if roster.up(robot, now_ns // period_ns)]
+        up = {robot: None for robot in scenario.ids if roster.up(robot, now_ns // period_ns)}
         before = len(groups)
         groups = components(
-            up,
+            list(up),
             [
                 (a, b)
                 for a, b in scenario.formation.edges
@@ -213,14 +213,20 @@ def _in_braces(groups: list[list[int]]) -> str:
 
 
 def _imperfect_link(scenario: Scenario) -> list[str]:
-    for source, destination in scenario.directed_links:
-        settings = scenario.link_settings(source, destination)
-        place = f"the link from {source} to {destination}"
-        if settings.constant_ns is None:
-            return [f"the delay on {place} is not constant"]
-        if not settings.lossless:
-            return [f"{place} loses messages"]
+    for (source, destination), flaw in scenario.of_links(_flaw):
+        if flaw is not None:
+            return [flaw.format(f"the link from {source} to {destination}")]
     return []
+
+
+def _flaw(settings: LinkSettings) -> str | None:
+    if settings.constant_ns is None:
+        return "the delay on {} is not constant"
+    return None if settings.lossless else "{} loses messages"
+
+
+def _constant_ns(settings: LinkSettings) -> int | None:
+    return settings.constant_ns
 
 
 def outside_model(scenario: Scenario) -> list[str]:
@@ -246,9 +252,7 @@ def outside_model(scenario: Scenario) -> list[str]:
 
 
 def _theorem(scenario: Scenario, damped: bool) -> tuple[int, list[str]]:
-    delayed = any(
-        scenario.link_settings(*link).constant_ns != 0 for link in scenario.directed_links
-    )
+    delayed = any(delay_ns != 0 for _, delay_ns in scenario.of_links(_constant_ns))
     kinematic = scenario.law.level == "kinematic"
     theorem = (5 if kinematic else 6) if delayed else (1 if kinematic else 3) + damped
     reasons = [

@@ -1,11 +1,10 @@
 """``network`` and ``ramp``: links whose settings change."""
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from formnet.formation.plan.selectors import LinkSelection
+from formnet.formation.plan.selection import LinkSelection
 from formnet.netem.files.tables import PositiveSeconds, Table, nanoseconds
 from formnet.netem.settings.actions import Change
 from formnet.netem.settings.links import LinkOverrides
@@ -18,9 +17,9 @@ class NetworkAction(LinkSelection, LinkOverrides):
 
     action: Literal["network"] = Field(description="Changes exactly the settings given here.")
 
-    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
-        """What it does to one link."""
-        return Change(self.values()) if self.covers(source, destination) else None
+    def effect(self) -> Action:
+        """What it does to each of its links."""
+        return Change(self.values())
 
     def describe(self) -> str:
         """In words."""
@@ -39,10 +38,8 @@ class RampAction(LinkSelection):
     to_value: float = Field(description="Value at the end and from then on.")
     duration_s: PositiveSeconds = Field(description="Duration of the ramp.")
 
-    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
-        """What it does to one link."""
-        if not self.covers(source, destination):
-            return None
+    def effect(self) -> Action:
+        """What it does to each of its links."""
         return Ramp(self.parameter, self.from_value, self.to_value, nanoseconds(self.duration_s))
 
     def describe(self) -> str:

@@ -1,11 +1,10 @@
 """``cut`` and ``heal``: links that carry nothing for a while."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field
 
-from formnet.formation.plan.selectors import LinkSelection
+from formnet.formation.plan.selection import LinkSelection
 from formnet.netem.files.tables import PositiveSeconds
 from formnet.netem.settings.actions import Cut, Heal
 from formnet.netem.settings.timeline import Action
@@ -28,10 +27,8 @@ class CutAction(LinkSelection):
         default=None, description="Heals the same links after this time."
     )
 
-    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
-        """What it does to one link."""
-        if not self.covers(source, destination):
-            return None
+    def effect(self) -> Action:
+        """What it does to each of its links."""
         return Cut(lose_in_flight=self.in_flight == "lost")
 
     def describe(self) -> str:
@@ -46,9 +43,9 @@ class HealAction(LinkSelection):
         description="Cut links deliver messages again that are sent from then on."
     )
 
-    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
-        """What it does to one link."""
-        return Heal() if self.covers(source, destination) else None
+    def effect(self) -> Action:
+        """What it does to each of its links."""
+        return Heal()
 
     def describe(self) -> str:
         """In words."""

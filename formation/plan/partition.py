@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from formnet.formation.plan.cut import InFlight
+from formnet.formation.plan.reach import Between, Chords, Reach
 from formnet.formation.plan.selectors import RobotId
 from formnet.netem.files.tables import PositiveSeconds, Seconds, Table
 from formnet.netem.settings.actions import Cut
@@ -77,27 +78,22 @@ class PartitionAction(Table):
         named = [robot for group in self.groups or [] for robot in group]
         return named if self.robot is None else [self.robot]
 
-    def effect(self, source: int, destination: int, robots: Sequence[int]) -> Action | None:
-        """What it does to one link; ``robots`` are all, in the order of the file."""
-        if self._in_touch(source, destination, robots):
-            return None
+    def effect(self) -> Action:
+        """What it does to each of its links."""
         return Cut(lose_in_flight=self.in_flight == "lost")
 
-    def _in_touch(self, a: int, b: int, robots: Sequence[int]) -> bool:
+    def reach(self, robots: Sequence[int]) -> Reach:
+        """The links that it cuts; ``robots`` are all, in the order of the file."""
         if self.groups is not None:
-            return _group(a, self.groups) == _group(b, self.groups)
-        if self.shape == "isolate":
-            return self.robot not in (a, b)
-        places = {robot: place for place, robot in enumerate(robots)}
+            return Between({robot: k for k, group in enumerate(self.groups) for robot in group})
+        if self.shape == "isolate" and self.robot is not None:
+            return Between({self.robot: 0})
         if self.shape == "ring":
-            return abs(places[a] - places[b]) in (1, len(robots) - 1)
+            return Chords(robots)
         if self.shape == "halves":
-            return _half(places[a], len(robots)) == _half(places[b], len(robots))
+            return Between(_halves(robots))
         bridge = robots[len(robots) // 2] if self.robot is None else self.robot
-        others = {robot: place for place, robot in enumerate(r for r in robots if r != bridge)}
-        if bridge in (a, b):
-            return True
-        return _half(others[a], len(others)) == _half(others[b], len(others))
+        return Between(_halves([robot for robot in robots if robot != bridge]), bridge)
 
     def describe(self) -> str:
         """In words."""
@@ -108,10 +104,5 @@ class PartitionAction(Table):
         return f"partition {who}, in flight {self.in_flight}"
 
 
-def _group(robot: int, groups: Sequence[Sequence[int]]) -> int:
-    """Which group ``robot`` is in; -1 is that of those in none."""
-    return next((k for k, group in enumerate(groups) if robot in group), -1)
-
-
-def _half(place: int, count: int) -> bool:
-    return place >= count // 2
+def _halves(robots: Sequence[int]) -> dict[int, int]:
+    return {robot: int(place >= len(robots) // 2) for place, robot in enumerate(robots)}

@@ -1,8 +1,9 @@
 """``[[timeline]]``: what happens in a run, and when.
 
-What befalls robots is in :mod:`formnet.formation.plan.roster`. Each action on links says what it
-does to one directed link (``effect``); links apply their own at the receiving robot, by
-the stamps of messages, so that a distributed run and an inline one agree to the bit.
+What befalls robots is in :mod:`formnet.formation.plan.roster`. Each action on links says which
+directed links it is about (``reach``) and what it does to them (``effect``); links apply their own
+at the receiving robot, by the stamps of messages, so that a distributed run and an inline one agree
+to the bit.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,6 +21,7 @@ from formnet.formation.plan.fault import (
     ResumeAction,
 )
 from formnet.formation.plan.partition import PartitionAction
+from formnet.formation.plan.reach import Reach
 from formnet.formation.plan.roster import Happening
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.actions import Heal
@@ -39,23 +41,43 @@ TimelineAction = Annotated[
 ]
 
 
-def effects(
-    timeline: Iterable[TimelineAction], source: int, destination: int, robots: Sequence[int]
-) -> Iterator[tuple[int, Action]]:
-    """What is done to one link, with the instants in nanoseconds, in the order of the file.
+class Effects:
+    """What a timeline does to links. Each entry is worked out once, however many links there are.
 
     ``robots`` are all of the run, in the order of the file.
     """
-    for action in timeline:
-        if isinstance(action, FaultAction):
-            continue
-        effect = action.effect(source, destination, robots)
-        if effect is None:
-            continue
-        at_ns = nanoseconds(action.at_s)
-        yield at_ns, effect
-        if isinstance(action, CutAction | PartitionAction) and action.heal_after_s is not None:
-            yield at_ns + nanoseconds(action.heal_after_s), Heal()
+
+    def __init__(self, timeline: Iterable[TimelineAction], robots: Sequence[int]) -> None:
+        self._reach: dict[int, Reach] = {}  # by the number of the entry
+        self._done: dict[int, list[tuple[int, Action]]] = {}
+        self._entries: dict[tuple[int, int], tuple[int, ...]] = {}  # by link
+        self._same: dict[tuple[int, ...], tuple[int, ...]] = {}
+        for number, action in enumerate(timeline):
+            if isinstance(action, FaultAction):
+                continue
+            at_ns = nanoseconds(action.at_s)
+            self._reach[number] = action.reach(robots)
+            self._done[number] = [(at_ns, action.effect())]
+            if isinstance(action, CutAction | PartitionAction) and action.heal_after_s is not None:
+                self._done[number].append((at_ns + nanoseconds(action.heal_after_s), Heal()))
+
+    def entries(self, source: int, destination: int) -> tuple[int, ...]:
+        """The numbers of the entries that are about a link, ascending."""
+        link = (source, destination)
+        found = self._entries.get(link)
+        if found is None:
+            found = tuple(k for k, reach in self._reach.items() if reach.covers(*link))
+            found = self._entries[link] = self._same.setdefault(found, found)
+        return found
+
+    def of_entry(self, number: int) -> list[tuple[int, Action]]:
+        """What an entry does to each of its links, with the instants in nanoseconds."""
+        return self._done[number]
+
+    def on(self, source: int, destination: int) -> Iterator[tuple[int, Action]]:
+        """What is done to one link, with the instants in nanoseconds, in the order of the file."""
+        for number in self.entries(source, destination):
+            yield from self._done[number]
 
 
 class PlanEntry(NamedTuple):
@@ -86,7 +108,8 @@ def plan_of(
     for action in timeline:
         if isinstance(action, FaultAction):
             continue
-        touched = [link for link in links if action.effect(*link, robots) is not None]
+        reach = action.reach(robots)
+        touched = [link for link in links if reach.covers(*link)]
         what = action.describe()
         if isinstance(action, PartitionAction):
             what += f"; cuts {arrows(touched)}"

@@ -1,8 +1,8 @@
 """Reading scenarios: TOML in, a validated :class:`Scenario` or every problem found out.
 
-All problems of a file are reported together. To check what refers to what even
-when some values are bad, each bad value is noted and then replaced by a good
-one, so that the whole can still be built.
+All problems of a file are reported together (the first of them, and how many more there are). To
+check what refers to what even when some values are bad, each bad value is noted and then replaced
+by a good one, so that the whole can still be built.
 """
 
 import re
@@ -17,8 +17,16 @@ from pydantic import ValidationError
 from formnet.formation.formats.migration import FormatError, migrate
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.scenario.rules import broken_rules, too_long
+from formnet.netem.files.from_file import Reading
 from formnet.netem.files.overrides import OverrideError, Values, assign
-from formnet.netem.files.problems import Place, Problem, problems, shown
+from formnet.netem.files.problems import (
+    MOST_SHOWN,
+    Place,
+    Problem,
+    first_of,
+    problems,
+    shown,
+)
 from formnet.netem.files.toml import parse_toml, parse_value, read_toml
 
 Overrides = Values | Iterable[str]
@@ -26,7 +34,7 @@ Overrides = Values | Iterable[str]
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be run; ``problems`` holds everything found."""
+    """A scenario that cannot be run; ``problems`` holds what was found, beyond some its number."""
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
         self.file = file
@@ -114,11 +122,12 @@ def _built(
     bad += found
     if scenario is not None:
         places = tuple(problem.place for problem in bad)
-        bad += [
+        broken = [
             problem
             for problem in broken_rules(scenario)
             if not any(place.startswith(problem.place) for place in places)  # a stand-in's fault
         ]
+        bad += first_of(broken)
     if bad or scenario is None:
         raise ScenarioError(file, bad)
     return scenario
@@ -173,21 +182,24 @@ def _validate(
     """Build the scenario and say what is wrong with it.
 
     If something is, a copy is mended place by place until it can be built, so
-    that the rules between values can be checked too. None if that fails.
+    that the rules between values can be checked too. None if that fails, or
+    more is wrong than is told.
     """
     try:
-        return Scenario.model_validate(data, context=context), []
+        return Scenario.model_validate(data, context=context | {"reading": Reading()}), []
     except ValidationError as error:
-        errors = error.errors()
         found = [_with_id(data, problem) for problem in problems(Scenario, data, error)]
+        if error.error_count() > MOST_SHOWN:
+            return None, found
+        errors = error.errors(include_url=False)
     data = deepcopy(data)
     for _ in range(5):  # a place inside a mended place may need another round
         for item in errors:
             _mend(data, item["loc"], missing=item["type"] == "missing")
         try:
-            return Scenario.model_validate(data, context=context), found
+            return Scenario.model_validate(data, context=context | {"reading": Reading()}), found
         except ValidationError as error:
-            errors = error.errors()
+            errors = error.errors(include_url=False)
     return None, found
 
 

@@ -6,16 +6,17 @@ one. Reading files, reporting errors and resolving overrides is
 :mod:`formation.paper.theory`'s.
 """
 
+from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from pydantic import Field
 
 from formnet.formation.formats.migration import FORMAT
 from formnet.formation.machines.hosts import Hosts
 from formnet.formation.plan.fault import spans_of
-from formnet.formation.plan.roster import Roster
-from formnet.formation.plan.timeline import PlanEntry, TimelineAction, effects, plan_of
+from formnet.formation.plan.roster import Roster, Span
+from formnet.formation.plan.timeline import Effects, PlanEntry, TimelineAction, plan_of
 from formnet.formation.scenario.clock import Clock
 from formnet.formation.scenario.expect import Expect
 from formnet.formation.scenario.failures import Plant, Run
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+T = TypeVar("T")
 
 MOST_ROBOTS = 1000
 
@@ -75,7 +77,7 @@ class Scenario(Table):
         """The experiment alone, as others get it: machines are no part of it."""
         return self.model_copy(update={"hosts": None})
 
-    @property
+    @cached_property
     def ids(self) -> list[int]:
         """Robot ids in the order of the file; every array of a run has this order."""
         return [robot.id for robot in self.robots]
@@ -99,7 +101,7 @@ class Scenario(Table):
             table[second].add(first)
         return {robot: sorted(others) for robot, others in table.items()}
 
-    @property
+    @cached_property
     def directed_links(self) -> list[tuple[int, int]]:
         """Every (source, destination) that carries broadcasts, ascending."""
         return sorted((i, j) for j, others in self.neighbours_of.items() for i in others)
@@ -108,18 +110,39 @@ class Scenario(Table):
         """One directed link's settings at the beginning."""
         return self.network.settings(source, destination)
 
+    def of_links(self, of: Callable[[LinkSettings], T]) -> Iterator[tuple[tuple[int, int], T]]:
+        """Every directed link, ascending, and ``of`` its settings at the beginning.
+
+        ``of`` is called once for links that share them.
+        """
+        variants, known = self.network.variants, dict[int, T]()
+        for link in self.directed_links:
+            number = variants.number(*link)
+            if number not in known:
+                known[number] = of(variants.settings[number])
+            yield link, known[number]
+
+    @cached_property
+    def spans(self) -> dict[int, list[Span]]:
+        """When each robot is down, as planned. Raises FaultError."""
+        period_ns = max(1, self.clock.control_period_ns)
+        return spans_of(enumerate(self.timeline), self.ids, self.seed, period_ns)
+
     def roster(self) -> Roster:
         """Who is down when, as planned. Raises FaultError."""
-        return Roster(
-            spans_of(enumerate(self.timeline), self.ids, self.seed, self.clock.control_period_ns)
-        )
+        return Roster(self.spans)
+
+    @cached_property
+    def effects(self) -> Effects:
+        """What the timeline does to links."""
+        return Effects(self.timeline, self.ids)
 
     def timeline_of(self, source: int, destination: int) -> Timeline:
         """What happens to one directed link."""
         settings = self.link_settings(source, destination)
-        return Timeline(settings, effects(self.timeline, source, destination, self.ids))
+        return Timeline(settings, self.effects.on(source, destination))
 
-    @property
+    @cached_property
     def plan(self) -> list[PlanEntry]:
         """What happens in the run, and when."""
         happenings = self.roster().happenings()

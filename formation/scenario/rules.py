@@ -1,6 +1,7 @@
 """The rules between a scenario's values: what refers to what, and what must fit together."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 from formnet.formation.plan.fault import FaultAction, FaultError, spans_of
@@ -8,11 +9,14 @@ from formnet.formation.plan.selectors import named
 from formnet.formation.scenario.clock import Clock
 from formnet.formation.scenario.graph import MOST_EDGES
 from formnet.formation.scenario.model import MOST_ROBOTS, Scenario
-from formnet.formation.scenario.network import MOST_ENTRIES
+from formnet.formation.scenario.network import MOST_ENTRIES, MOST_VARIANTS, BadRule, TooManyVariants
 from formnet.netem.files.problems import Problem
 from formnet.netem.files.tables import nanoseconds
 from formnet.netem.settings.links import SettingError
 from formnet.netem.settings.timeline import NEVER
+
+_FEW = 10
+"""So many ids of robots are named where one is unknown."""
 
 MOST_ITEMS = {
     ("robots",): MOST_ROBOTS,
@@ -76,14 +80,11 @@ def _check_size(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_hosts(scenario: Scenario) -> Iterator[Problem]:
+    known = scenario.vehicles
     for host in scenario.hosts.hosts if scenario.hosts is not None else ():
         for robot in host.robots:
-            if robot not in scenario.ids:
-                yield Problem(
-                    f"hosts.{host.name}.robots",
-                    str(robot),
-                    f"robot {robot} does not exist (robots: {', '.join(map(str, scenario.ids))})",
-                )
+            if robot not in known:
+                yield Problem(f"hosts.{host.name}.robots", str(robot), _no_such_robot(robot, known))
 
 
 def _check_clock(scenario: Scenario) -> Iterator[Problem]:
@@ -181,16 +182,16 @@ def _check_selectors(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_links(scenario: Scenario) -> Iterator[Problem]:
-    for source, destination in scenario.directed_links:
-        settings = scenario.network.default
-        for index, rule in enumerate(scenario.network.links):
-            if not rule.covers(source, destination):
-                continue
-            try:
-                settings = settings.changed(rule.values())
-            except SettingError as error:
-                yield _on_link(f"network.links[{index}]", error.problem, source, destination)
-                return
+    for link in scenario.directed_links:
+        try:
+            scenario.link_settings(*link)
+        except BadRule as bad:
+            yield _on_link(f"network.links[{bad.index}]", bad.error.problem, *link)
+            return
+        except TooManyVariants:
+            rule = f"links differ in more than {MOST_VARIANTS} ways, counted rule by rule"
+            yield Problem("network.links", f"{len(scenario.network.links)} entries", rule)
+            return
 
 
 def _check_faults(scenario: Scenario) -> Iterator[Problem]:
@@ -208,21 +209,24 @@ def _check_faults(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _check_timeline(scenario: Scenario) -> Iterator[Problem]:
-    links = [(k, e) for k, e in enumerate(scenario.timeline) if not isinstance(e, FaultAction)]
-    for index, entry in links:
-        if not any(entry.effect(*link, scenario.ids) for link in scenario.directed_links):
+    effects, variants = scenario.effects, scenario.network.variants
+    about = {link: effects.entries(*link) for link in scenario.directed_links}
+    touched = {number for entries in set(about.values()) for number in entries}
+    for index, entry in enumerate(scenario.timeline):
+        if not isinstance(entry, FaultAction) and index not in touched:
             yield Problem(f"timeline[{index}]", None, "applies to no link of formation.edges")
-    for source, destination in scenario.directed_links:
+    done = set()  # links with the same settings to which the same is done are alike
+    for (source, destination), entries in about.items():
+        alike = (variants.number(source, destination), entries)
+        if not entries or alike in done:
+            continue
+        done.add(alike)
         timeline = scenario.timeline_of(source, destination)
         try:
             while timeline.next_ns < NEVER:
                 timeline.advance(timeline.next_ns)
         except SettingError as error:
-            index = next(
-                k
-                for k, entry in links
-                if entry.effect(source, destination, scenario.ids) == error.cause
-            )
+            index = next(k for k in entries if effects.of_entry(k)[0][1] == error.cause)
             yield _on_link(f"timeline[{index}]", error.problem, source, destination)
             return
 
@@ -244,7 +248,10 @@ def _unknown_robots(scenario: Scenario, place: str, robots: Iterable[int]) -> It
     known = scenario.vehicles
     for robot in dict.fromkeys(robots):
         if robot not in known:
-            ids = sorted(known)
-            yield Problem(
-                place, None, f"robot {robot} does not exist (robots: {', '.join(map(str, ids))})"
-            )
+            yield Problem(place, None, _no_such_robot(robot, known))
+
+
+def _no_such_robot(robot: int, known: Collection[int]) -> str:
+    """That a robot does not exist, and the first of those that do, in the order of the file."""
+    few = ", ".join(map(str, islice(known, _FEW))) + (", …" if len(known) > _FEW else "")
+    return f"robot {robot} does not exist (robots: {few})"

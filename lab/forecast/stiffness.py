@@ -24,6 +24,7 @@ from formnet.formation.plan.roster import Happening
 from formnet.formation.scenario.model import Scenario
 from formnet.formation.wire.state import Stamped, State, finite
 from formnet.netem.files.tables import nanoseconds
+from formnet.netem.settings.links import LinkSettings
 from formnet.plant.body import Body, driven, left_alone, steered
 
 LIMIT = 2.0
@@ -188,7 +189,7 @@ class _Way:
         self._roster = scenario.roster()
         self._period_ns = scenario.clock.control_period_ns
         self._every_ns = scenario.clock.broadcast_period_ns
-        self._delays_ns = {link: _delay_ns(scenario, *link) for link in scenario.directed_links}
+        self._delays_ns = dict(scenario.of_links(_delay_ns))
         self._neighbours = scenario.neighbours_of
         plan = resolve(scenario)
         self._laws: dict[int, Law] = {robot: law(plan.situation(robot)) for robot in plan.ids}
@@ -305,7 +306,6 @@ def _shifted(state: State, axis: int, by: float) -> State:
     return State(*values)
 
 
-def _delay_ns(scenario: Scenario, source: int, destination: int) -> int:
+def _delay_ns(settings: LinkSettings) -> int:
     """How late half of the messages on a link are, but for what its rate adds."""
-    settings = scenario.link_settings(source, destination)
     return nanoseconds(settings.playout_s or settings.delay.quantile_s(0.5))

@@ -93,8 +93,7 @@ def _duplicates(run: Collected, link: tuple[int, int]) -> bool:
     if scenario.link_settings(*link).duplicate.probability:
         return True
     return any(
-        getattr(action, "duplicate", None) is not None
-        and action.effect(*link, scenario.ids) is not None  # type: ignore[union-attr]
+        getattr(action, "duplicate", None) is not None and action.reach(scenario.ids).covers(*link)  # type: ignore[union-attr]
         for action in scenario.timeline
     )
 

@@ -99,7 +99,8 @@ def _does_something(scenario: Scenario, episode: Episode) -> bool:
     if episode.action["action"] != "partition":
         return True
     action = PartitionAction.model_validate(episode.entries()[0])
-    return any(action.effect(*link, scenario.ids) for link in scenario.directed_links)
+    reach = action.reach(scenario.ids)
+    return any(reach.covers(*link) for link in scenario.directed_links)
 
 
 def scheduled(scenario: Scenario, seed: int, episodes: Sequence[Episode]) -> Scenario:

@@ -37,8 +37,10 @@ nanosecond: 1/60 s is 16666667 ns, and 0.1 s is not a multiple of that.
 **Bounds.** A file is a regular one of at most 2 MiB. Tables and lists are at most 32 deep, a dotted
 key has at most 32 parts, keys and numbers have at most 100 characters, whole numbers 64 bits. There
 are at most 1000 robots, 100,000 edges, 1000 entries each of the timeline and of
-`[[network.links]]`, and 2,000,000 of these entries times directed links. A CSV file has at most
-32 MiB and 1,000,000 rows. The same holds for `--set` and for what comes over the bus.
+`[[network.links]]`, and 2,000,000 of these entries times directed links. Links differ in at most
+20,000 ways, counted rule by rule. A CSV file has at most 32 MiB and 1,000,000 rows, and so many
+rows have all tables together that name files. Of many problems the first 20 are told, and the
+others counted. The same holds for `--set` and for what comes over the bus.
 
 **Files.** A `file` of numbers must lie below the folder of the scenario, symbolic links resolved;
 `--allow-outside` (in Python, `allow_outside=True`) reads others, too. Errors name its line and

@@ -76,11 +76,9 @@ def _verdict(content: bytes) -> Verdict:
         return Verdict.model_validate(converted)
     except ValidationError as error:
         found = problems(Verdict, converted, error, _SHOWN)
-        more = error.error_count() - len(found)
         raise Unreadable(
             f"{FILE} is not a verdict of format {number} (written by formnet {_writer(data)}): "
             + "; ".join(shown(str(problem), 200) for problem in found)
-            + (f"; and {more} more" if more else "")
         ) from None
 
 

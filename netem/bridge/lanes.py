@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from formnet.netem.core.statistics import LinkStatistics, Tally
 from formnet.netem.core.transit import Transit
+from formnet.netem.files.from_file import Reading
 from formnet.netem.files.problems import Problem, problems
 from formnet.netem.files.tables import STRICT, Table
 from formnet.netem.files.toml import read_toml
@@ -99,7 +100,7 @@ def load(path: Path) -> LaneFile:
     except ValueError as error:
         raise NetworkFileError(str(path), [Problem("", None, str(error))]) from None
     try:
-        file = LaneFile.model_validate(data, context={"folder": path.parent})
+        file = LaneFile.model_validate(data, context={"folder": path.parent, "reading": Reading()})
     except ValidationError as error:
         raise NetworkFileError(str(path), problems(LaneFile, data, error)) from None
     for index, rule in enumerate(file.network.links):

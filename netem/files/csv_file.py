@@ -117,11 +117,10 @@ def _checked(
     values = []
     for column, cell in enumerate(row):
         value = _number(cell)
-        place = _place(path, line, column)
         if value is None:
-            return [], f"{place}: must be a number{_hint(cell)}"
+            return [], f"{_place(path, line, column)}: must be a number{_hint(cell)}"
         if not math.isfinite(value):
-            return [], f"{place}: must be finite"
+            return [], f"{_place(path, line, column)}: must be finite"
         values.append(value)
     if len(values) != columns:
         return [], f"{_place(path, line)}: must have {_columns(columns)}, has {len(values)}"

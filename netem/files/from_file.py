@@ -14,7 +14,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from formnet.netem.files.csv_file import FileError, Numbers, first_of, read_numbers
+from formnet.netem.files.csv_file import MOST_ROWS, FileError, Numbers, first_of, read_numbers
 from formnet.netem.files.problems import rule_of, shown
 from formnet.netem.files.tables import Table
 
@@ -29,6 +29,18 @@ class RowError(ValueError):
     def __init__(self, key: str, row: int, value: float, rule: str) -> None:
         self.key, self.row, self.value, self.rule = key, row, value, rule
         super().__init__(f"{key}[{row}] = {shown(value)}: {rule}")
+
+
+class Reading:
+    """The files that one validation has read, by path and columns, and the rows that tables took.
+
+    As ``reading`` in the context of a validation it lets each file be read once, and bounds what
+    all tables take together.
+    """
+
+    def __init__(self) -> None:
+        self.files: dict[tuple[Path, int], Numbers | FileError] = {}
+        self.rows = 0
 
 
 class FromFile(Table):
@@ -65,10 +77,12 @@ class FromFile(Table):
     def _read(
         cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo
     ) -> Self:
+        if isinstance(data, cls):  # checked when it was made
+            return data
         if not isinstance(data, Mapping) or "file" not in data:
             return handler(data)
         try:
-            found = read_numbers(_path(data, cls.COLUMNS, info.context or {}), len(cls.COLUMNS))
+            found = _numbers(data, cls.COLUMNS, info.context or {})
         except FileError as error:
             raise _of_file(str(error)) from None
         rest = {key: value for key, value in data.items() if key != "file"}
@@ -121,6 +135,30 @@ class FromFile(Table):
             ),
         }
         return schema
+
+
+def _numbers(
+    data: Mapping[str, Any], lists: tuple[str, ...], context: Mapping[str, Any]
+) -> Numbers:
+    """The numbers of the file that a table names; raises FileError."""
+    path = _path(data, lists, context)
+    reading: Reading = context.get("reading", Reading())
+    known = (path.resolve(), len(lists))
+    if known not in reading.files:
+        try:
+            reading.files[known] = read_numbers(path, len(lists))
+        except FileError as error:
+            reading.files[known] = error
+    found = reading.files[known]
+    if isinstance(found, FileError):
+        raise found
+    reading.rows += len(found.rows)
+    if reading.rows > MOST_ROWS:
+        raise FileError(
+            f"file {path} has {len(found.rows)} rows: all tables that name files must take at most "
+            f"{MOST_ROWS} rows together"
+        )
+    return found
 
 
 def _path(data: Mapping[str, Any], lists: tuple[str, ...], context: Mapping[str, Any]) -> Path:

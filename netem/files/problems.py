@@ -7,7 +7,7 @@ import difflib
 import re
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
@@ -15,6 +15,10 @@ from pydantic import BaseModel, ValidationError
 from formnet.netem.files.printable import printable
 
 Place = tuple[str | int, ...]
+
+
+MOST_SHOWN = 20
+"""So many problems of one file are put into words; the others are counted."""
 
 
 class Problem(NamedTuple):
@@ -34,11 +38,26 @@ class Problem(NamedTuple):
 
 
 def problems(
-    model: type[BaseModel], data: Any, error: ValidationError, most: int | None = None
+    model: type[BaseModel], data: Any, error: ValidationError, most: int = MOST_SHOWN
 ) -> list[Problem]:
-    """What ``error`` says about ``data``, which should have been a ``model``; ``most`` of it."""
-    found = error.errors()[:most]
-    return [_problem(model, data, item["loc"], item["type"], item) for item in found]
+    """What ``error`` says about ``data``, which should have been a ``model``.
+
+    The first ``most`` in words; if there are more, their number comes last.
+    """
+    found = error.errors(include_url=False)[:most]
+    told = [_problem(model, data, item["loc"], item["type"], item) for item in found]
+    return told + _further(error.error_count() - most)
+
+
+def first_of(found: Sequence[Problem], most: int = MOST_SHOWN) -> list[Problem]:
+    """The first ``most`` of some problems; if there are more, their number comes last."""
+    return [*found[:most], *_further(len(found) - most)]
+
+
+def _further(count: int) -> list[Problem]:
+    if count <= 0:
+        return []
+    return [Problem("", None, f"and {count:,} more problem{'s' * (count > 1)}")]
 
 
 _RULES = {

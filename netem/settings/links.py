@@ -215,7 +215,7 @@ class LinkSettings(_WithAdded):
                 uniform delay), or a value that does not go with the others.
         """
         keys = {path.partition(".")[0] for path in values}
-        data = self.model_dump(include=keys, exclude_none=True)
+        data = self.model_dump(include=keys - values.keys(), exclude_none=True)
         try:
             for path, value in values.items():
                 assign(data, path, value)
@@ -349,11 +349,17 @@ class LinkOverrides(_AnyOf):
         values = {key: getattr(self, key) for key in LinkSettings.model_fields}
         return {key: value for key, value in values.items() if value is not None}
 
-    def values(self) -> dict[str, Any]:
-        """The same by key path, as :meth:`LinkSettings.changed` takes them."""
+    def values(self, *, plain: bool = True) -> dict[str, Any]:
+        """The same by key path, as :meth:`LinkSettings.changed` takes them.
+
+        Unless ``plain``, a ``delay`` or ``loss`` of a named kind stays the table that it is, which
+        is not checked again.
+        """
         return _values(
             {
-                key: value.model_dump(exclude_none=True) if isinstance(value, Table) else value
+                key: value.model_dump(exclude_none=True)
+                if isinstance(value, Table) and (plain or isinstance(value, Part))
+                else value
                 for key, value in self.named().items()
             }
         )

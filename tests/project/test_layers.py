@@ -48,7 +48,7 @@ BELOW: dict[str, set[str]] = {
         "formation.wire",
         "formation.plan",
     },
-    "formation.paper": {"formation.plan", "formation.scenario"},
+    "formation.paper": {"formation.scenario"},
     "formation.formats": set(),
     "formation.briefing": {"formation.wire", "formation.plan", "formation.scenario"},
     "formation": set(),
