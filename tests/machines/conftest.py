@@ -1,4 +1,4 @@
-"""What tests of hosts share: a network, for each module that asks for it."""
+"""What tests of hosts and keys share: a network and a folder of keys, for modules that ask."""
 
 import shutil
 import subprocess
@@ -34,3 +34,17 @@ def network(tmp_path_factory):
         yield found
     finally:
         found.tear_down()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    place = tmp_path_factory.mktemp("keys") / "keys"
+    keys.make(place, range(1, 6), ["10.1.2.3", "lab-pc"], 30)
+    return place
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    """A copy, to be spoilt."""
+    shutil.copytree(made, tmp_path / "keys")
+    return tmp_path / "keys"

@@ -16,20 +16,6 @@ OTHER_USER = 12345
 SCENARIO = CONFIGS / "paper" / "section5-delay.toml"
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    place = tmp_path_factory.mktemp("keys") / "keys"
-    keys.make(place, range(1, 6), ["10.1.2.3", "lab-pc"], 30)
-    return place
-
-
-@pytest.fixture
-def folder(made, tmp_path):
-    """A copy, to be spoilt."""
-    shutil.copytree(made, tmp_path / "keys")
-    return tmp_path / "keys"
-
-
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 

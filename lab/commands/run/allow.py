@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from formnet.lab.commands.options import Command, fail
-from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT
+from formnet.lab.runs.exits import ALL_HOLD, BAD_INPUT, in_words
 
 
 @click.command("allow", cls=Command)
@@ -39,8 +39,10 @@ def command(folder: Path | None, *, forget: bool, listing: bool) -> None:
             for file, digest in found.items():
                 click.echo(f"{digest}  {file}")
             click.echo(f"allowed: {_files(len(found))} in {folder}")
-    except (allowed.BadList, OSError) as error:
+    except allowed.BadList as error:
         fail(BAD_INPUT, str(error))
+    except OSError as error:
+        fail(BAD_INPUT, in_words(error))
     sys.exit(ALL_HOLD)
 
 
